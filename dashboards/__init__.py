@@ -1,0 +1,1 @@
+"""Reads a store and shows it: the Rerun timeline and the report."""

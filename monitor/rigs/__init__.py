@@ -1,0 +1,5 @@
+"""Rigs: the registry of everything that can take a capture."""
+
+from .base import Rig
+
+__all__ = ["Rig"]

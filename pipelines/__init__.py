@@ -1,0 +1,40 @@
+"""Pure pipelines: arrays in, values out. No disk, clock, hardware or log.
+
+Three rooms know only this package's values (`Grid`, `Scan`, instants) and themselves: `reconstruction` (frames to
+height maps), `change` (two height maps to what moved) and `trends` (series to slopes and alarms); `scenes` are surfaces
+with closed-form truth. Each room's ``__init__`` is a front door, as this one is.
+"""
+
+from .change import Change, Comparison, Measurement, Metric, Motion
+from .grid import Grid
+from .instant import Instant, as_datetime, format_instant, instant, parse_instant
+from .reconstruction import Calibration, Decoded, Frames, Lens, PatternSet, PointMap
+from .scan import LEVEL_NONE, Scan
+from .tick import Event, Tick
+from .trends import ALARM_STATES, AlarmState
+
+__all__ = [
+    "ALARM_STATES",
+    "LEVEL_NONE",
+    "AlarmState",
+    "Calibration",
+    "Change",
+    "Comparison",
+    "Decoded",
+    "Event",
+    "Frames",
+    "Grid",
+    "Instant",
+    "Lens",
+    "Measurement",
+    "Metric",
+    "Motion",
+    "PatternSet",
+    "PointMap",
+    "Scan",
+    "Tick",
+    "as_datetime",
+    "format_instant",
+    "instant",
+    "parse_instant",
+]

@@ -1,0 +1,65 @@
+"""Decoded and PointMap: what is known of each camera pixel, before and after triangulation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["Decoded", "PointMap"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Decoded:
+    """The projector position seen by each camera pixel.
+
+    Parameters
+    ----------
+    column, row : ndarray of float32, shape (row, column)
+        Projector pixels, pixel centres integer; NaN where not decoded or the axis was not projected.
+    sigma_column, sigma_row : ndarray of float32, shape (row, column)
+        Standard uncertainty of those, projector px; NaN likewise.
+    level : ndarray of uint8, shape (row, column)
+        As `Scan.level`.
+    texture : ndarray of uint8, shape (row, column)
+        The white frame, scaled to 8 bits.
+    contrast : ndarray of uint8, shape (row, column)
+        White minus black, scaled to 8 bits.
+    """
+
+    column: npt.NDArray[np.float32]
+    row: npt.NDArray[np.float32]
+    sigma_column: npt.NDArray[np.float32]
+    sigma_row: npt.NDArray[np.float32]
+    level: npt.NDArray[np.uint8]
+    texture: npt.NDArray[np.uint8]
+    contrast: npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointMap:
+    """A 3D point per camera pixel, in the camera frame; what ``reconstruct --out F.npz`` writes.
+
+    Parameters
+    ----------
+    xyz : ndarray of float32, shape (row, column, 3)
+        mm, camera frame; NaN where not measured.
+    sigma_z : ndarray of float32, shape (row, column)
+        Standard uncertainty along the camera's axis, mm; NaN likewise.
+    projector : ndarray of float32, shape (row, column, 2)
+        (column, row) on the projector, px.
+    level, texture : ndarray of uint8, shape (row, column)
+        As in `Decoded`.
+    """
+
+    xyz: npt.NDArray[np.float32]
+    sigma_z: npt.NDArray[np.float32]
+    projector: npt.NDArray[np.float32]
+    level: npt.NDArray[np.uint8]
+    texture: npt.NDArray[np.uint8]
+
+    @property
+    def valid(self) -> npt.NDArray[np.bool_]:
+        """Pixels that were measured."""
+        return np.isfinite(self.sigma_z)

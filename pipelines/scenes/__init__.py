@@ -1,0 +1,1 @@
+"""Surfaces with closed-form truth, for the simulated rig and for tests."""
