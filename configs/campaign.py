@@ -1,0 +1,291 @@
+"""Campaign: one site, one rig, one schedule, one recipe, as a frozen value."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+from zoneinfo import ZoneInfo
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    Strict,
+    ValidationInfo,
+    WithJsonSchema,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError
+
+from .units import Duration
+
+__all__ = [
+    "Alarm",
+    "CalibrationSource",
+    "Campaign",
+    "GridSettings",
+    "Register",
+    "Retain",
+    "RigSettings",
+    "Schedule",
+    "Site",
+    "StoreSettings",
+    "Video",
+]
+
+
+class _Settings(BaseModel):
+    """Frozen, and an unknown key is an error: a typo must never be a setting that does nothing."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+def _from_folder(path: Path, info: ValidationInfo) -> Path:
+    """Relative paths are relative to the campaign file, wherever the program was started."""
+    folder = (info.context or {}).get("folder")
+    return Path(folder) / path if folder is not None else path
+
+
+def _text(value: Any) -> Any:
+    if isinstance(value, str) and not value.strip():
+        raise ValueError("must not be empty")
+    return value
+
+
+def _mapping_or_file(value: Any) -> Any:
+    if not isinstance(value, Mapping | str | Path):
+        raise ValueError("must be a pattern set, such as {kind: gray, size: [608, 684]}, or the name of a pattern file")
+    return value
+
+
+def _zone(name: str) -> str:
+    try:
+        ZoneInfo(name)
+    except (ValueError, OSError):  # ZoneInfoNotFoundError is a KeyError on no system; IsADirectoryError for "Europe"
+        raise ValueError(f"{name!r} is not a time zone: use a name like Europe/Berlin or UTC") from None
+    except KeyError:
+        raise ValueError(f"{name!r} is not a time zone: use a name like Europe/Berlin or UTC") from None
+    return name
+
+
+def _moment(value: Any) -> Any:
+    if isinstance(value, datetime):
+        return value
+    if not isinstance(value, str):
+        raise ValueError("is not a time: write it like 2026-11-22T21:00:00Z")
+    try:
+        return datetime.fromisoformat(value.strip())
+    except ValueError:
+        raise ValueError(f"{value!r} is not a time: write it like 2026-11-22T21:00:00Z") from None
+
+
+FolderPath = Annotated[Path, AfterValidator(_from_folder)]
+Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
+Positive = Annotated[float, Strict(), Field(gt=0, allow_inf_nan=False)]
+Text = Annotated[str, BeforeValidator(_text)]
+Moment = Annotated[
+    datetime,
+    BeforeValidator(_moment),
+    PlainSerializer(lambda moment: moment.isoformat(), return_type=str),
+    WithJsonSchema({"type": "string", "examples": ["2026-11-22T21:00:00Z", "2026-11-22 22:00"]}),
+]
+Point = tuple[Number, Number]
+Patterns = Annotated[Mapping[str, Any] | FolderPath, BeforeValidator(_mapping_or_file)]
+Polygon = Annotated[tuple[Point, ...], Field(min_length=3)]
+
+
+class Site(_Settings):
+    """Where the rig stands."""
+
+    name: Text = Field(description="What people call the place; shown in reviews and reports.")
+    zone: Annotated[str, AfterValidator(_zone)] = Field(
+        default="UTC", description="Time zone of `cron` and of times that name none, such as Europe/Berlin."
+    )
+
+
+class StoreSettings(_Settings):
+    """Where scans are kept."""
+
+    path: FolderPath = Field(description="Folder of the store, relative to this file; made by the first run.")
+    kind: Text = Field(default="icechunk", description="Kind of store.")
+
+
+class RigSettings(_Settings):
+    """What takes the captures."""
+
+    name: Text = Field(description="Kind of rig.")
+    options: Mapping[str, Any] = Field(default_factory=dict, description="Options of that kind of rig.")
+
+
+class Video(_Settings):
+    """Continuous capture."""
+
+    rate_hz: Positive = Field(description="Scans per second, 1 for one a second.", le=1000)
+    for_: Duration | None = Field(
+        default=None, alias="for", description="How long each recording lasts; without it, until it is stopped."
+    )
+
+
+class Schedule(_Settings):
+    """When to scan: exactly one of `every`, `cron` and `video`."""
+
+    every: Duration | None = Field(default=None, description="A fixed interval, such as 6 h; at least 1 s.")
+    cron: Text | None = Field(
+        default=None,
+        description="Minute, hour, day, month, weekday (0 and 7 are Sunday), in the site's zone.",
+    )
+    video: Video | None = Field(default=None, description="Continuous capture, instead of single visits.")
+    start: Moment | None = Field(
+        default=None, description="First slot of `every`, and nothing before it; without it, the first run."
+    )
+    until: Moment | None = Field(default=None, description="No scan after this time.")
+    grace: Duration | None = Field(
+        default=None,
+        description="How late a scan may begin; later, the slot is missed. "
+        "Without it half the time to the next slot, at most 15 min.",
+    )
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Self:
+        given = [name for name in ("every", "cron", "video") if getattr(self, name) is not None]
+        if len(given) != 1:
+            names = " and ".join(given) if given else "none"
+            raise PydanticCustomError("one_kind", f"needs exactly one of every, cron and video, not {names}")
+        if self.every is not None and self.every.total_seconds() < 1:
+            raise _at(("every",), "must be at least 1 s: for more than one scan a second use video: {rate_hz: ...}")
+        if self.video is not None:
+            for name in ("start", "grace"):
+                if getattr(self, name) is not None:
+                    raise _at((name,), "has no meaning with video, which starts when it is started")
+        return self
+
+
+class CalibrationSource(_Settings):
+    """What places the points: a file, or for the simulated rig its own board."""
+
+    file: FolderPath | None = Field(default=None, description="calibration.json of `microrelief calibrate`.")
+    simulated: bool = Field(
+        default=False,
+        strict=True,
+        description="Let the simulated rig calibrate itself on its simulated board, once; kept beside the store.",
+    )
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        if (self.file is None) == (not self.simulated):
+            raise PydanticCustomError("one_source", "needs either file: calibration.json or simulated: true")
+        return self
+
+
+class GridSettings(_Settings):
+    """The cells of the height maps."""
+
+    pitch_mm: Positive | None = Field(
+        default=None, description="Side of a cell; without it the camera's pixel on the object, rounded to 1-2-5."
+    )
+
+
+class Register(_Settings):
+    """What holds still."""
+
+    stable_mm: tuple[Polygon, ...] = Field(
+        default=(),
+        description="Polygons of (x, y) in the site frame that do not move: frame, fiducials, mask. "
+        "Height and tilt are registered on them.",
+    )
+
+
+class Alarm(_Settings):
+    """Limits of one metric, in the metric's unit."""
+
+    name: Text = Field(description="Short name, shown to people.")
+    metric: Text = Field(description="One of `metrics`.")
+    unit: str | None = Field(default=None, description="Unit of the limits; checked against the metric's.")
+    warn_above: Number | None = None
+    alarm_above: Number | None = None
+    warn_below: Number | None = None
+    alarm_below: Number | None = None
+
+    @model_validator(mode="after")
+    def _limits(self) -> Self:
+        if all(getattr(self, name) is None for name in ("warn_above", "alarm_above", "warn_below", "alarm_below")):
+            raise PydanticCustomError("no_limit", "needs a limit: warn_above, alarm_above, warn_below or alarm_below")
+        if self.warn_above is not None and self.alarm_above is not None and self.warn_above > self.alarm_above:
+            raise _at(("warn_above",), f"must not be above alarm_above, {self.alarm_above:g}")
+        if self.warn_below is not None and self.alarm_below is not None and self.warn_below < self.alarm_below:
+            raise _at(("warn_below",), f"must not be below alarm_below, {self.alarm_below:g}")
+        return self
+
+
+class Retain(_Settings):
+    """What is kept beside the height maps."""
+
+    raw_frames: Literal["off", "all"] = Field(
+        default="off", description="Captured frames: off, or all of them (a capture of 42 frames is 42 images)."
+    )
+
+
+class Campaign(_Settings):
+    """One site, one rig, one schedule, one recipe."""
+
+    site: Site
+    store: StoreSettings
+    rig: RigSettings
+    schedule: Schedule
+    patterns: Patterns | None = Field(
+        default=None,
+        description="What is projected: a pattern set here, or the file of one; without it Gray code.",
+    )
+    calibration: CalibrationSource
+    grid: GridSettings = GridSettings()
+    register_: Register = Field(default=Register(), alias="register")
+    region_mm: Polygon | None = Field(
+        default=None, description="Polygon of (x, y) in the site frame whose cells count in the metrics."
+    )
+    metrics: tuple[Text, ...] = Field(default=("net_volume",), description="What is followed through time.")
+    alarms: tuple[Alarm, ...] = ()
+    retain: Retain = Retain()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        seen: set[str] = set()
+        for index, name in enumerate(self.metrics):
+            if name in seen:
+                raise _at(("metrics", index), f"{name!r} is given twice")
+            seen.add(name)
+        names: set[str] = set()
+        for index, alarm in enumerate(self.alarms):
+            if alarm.name in names:
+                raise _at(("alarms", index, "name"), f"{alarm.name!r} is given twice")
+            names.add(alarm.name)
+            if alarm.metric not in self.metrics:
+                raise _at(("alarms", index, "metric"), f"{alarm.metric!r} is not among this campaign's metrics")
+        start, until = self.start, self.until
+        if start is not None and until is not None and until < start:
+            raise _at(("schedule", "until"), "lies before start")
+        return self
+
+    @property
+    def start(self) -> datetime | None:
+        """`schedule.start`, aware: a time without a zone is in the site's."""
+        return self._aware(self.schedule.start)
+
+    @property
+    def until(self) -> datetime | None:
+        """`schedule.until`, aware: a time without a zone is in the site's."""
+        return self._aware(self.schedule.until)
+
+    def _aware(self, moment: datetime | None) -> datetime | None:
+        if moment is not None and moment.tzinfo is None:
+            moment = moment.replace(tzinfo=ZoneInfo(self.site.zone))
+        return moment.astimezone(UTC) if moment is not None else None
+
+
+def _at(route: tuple[str | int, ...], text: str) -> PydanticCustomError:
+    """A problem that belongs to a value below the model that found it."""
+    return PydanticCustomError("at", "{text}", {"text": text, "route": list(route)})
