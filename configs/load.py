@@ -74,8 +74,18 @@ def _campaign(document: Document, folder: Path) -> Campaign:
     try:
         return Campaign.model_validate(document.data, context={"folder": folder.resolve()})
     except ValidationError as error:
-        lines = sorted({_line(document, detail) for detail in error.errors()}, key=_position)
+        details = error.errors()
+        meant = {_meant(detail) for detail in details}
+        lines = sorted({_line(document, detail) for detail in details if detail["loc"] not in meant}, key=_position)
         raise ConfigError("\n".join(lines)) from None
+
+
+def _meant(detail: ErrorDetails) -> Route | None:
+    """The key that an unknown key was meant to be: it is not also reported as missing."""
+    if detail["type"] != "extra_forbidden":
+        return None
+    near = get_close_matches(str(detail["loc"][-1]), _keys_at(detail["loc"][:-1]), n=1, cutoff=0.6)
+    return (*detail["loc"][:-1], near[0]) if near else None
 
 
 def _position(line: str) -> tuple[int, int, str]:

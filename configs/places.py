@@ -99,9 +99,8 @@ def read_yaml(text: str, file: str) -> Document:
                 if key in result:
                     place = _place(key_node)
                     first = keys[here]
-                    problems.append(
-                        f"{file}:{place.line}:{place.column}: {route_text(here)}: given twice, first in line {first.line}"
-                    )
+                    where = f"{file}:{place.line}:{place.column}: {route_text(here)}"
+                    problems.append(f"{where}: given twice, first in line {first.line}")
                     continue
                 keys[here] = _place(key_node)
                 result[key] = plain(value_node, here)
