@@ -1,5 +1,7 @@
 """Keeps what pipelines define: stores of scans, folders of captures, files of other programs."""
 
+from .capture_folder import read_capture, write_capture
+from .pattern_file import read_patterns, write_patterns
 from .store import About, Store, Stored
 
-__all__ = ["About", "Store", "Stored"]
+__all__ = ["About", "Store", "Stored", "read_capture", "read_patterns", "write_capture", "write_patterns"]

@@ -1,5 +1,7 @@
 """Frames to height maps: patterns, decoding, calibration, triangulation, gridding, clean-up."""
 
+from .decode import decode
+from .frame_order import suggest_order
 from .frames import Frames
 from .patterns import PAPER_STRIPES, FrameRole, PatternSet
 from .pixel_maps import Decoded, PointMap
@@ -15,4 +17,6 @@ __all__ = [
     "PatternSet",
     "PointMap",
     "PoseResidual",
+    "decode",
+    "suggest_order",
 ]

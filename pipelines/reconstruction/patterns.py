@@ -277,7 +277,7 @@ def _group(patterns: PatternSet, group: str) -> Iterator[FrameRole]:
     if group not in AXES:
         yield FrameRole("white" if group == "white" else "black")
         return
-    axis = cast(Axis, group)
+    axis: Axis = "columns" if group == "columns" else "rows"
     bits = patterns.bits[AXES.index(axis)]
     for index in range(bits) if patterns.msb_first else range(bits - 1, -1, -1):
         yield FrameRole("bit", axis, index)
