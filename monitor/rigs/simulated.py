@@ -1,0 +1,216 @@
+"""SimulatedRig: an honest model of the paper's rig that looks at a scene as it is at the time of the visit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from configs import CaptureError, DeviceUnavailable, InputError
+from pipelines import Frames, Instant, PatternSet, parse_instant
+from pipelines.scenes import SCENES, Ground, Scene
+
+from .exposure import Light, Profiles, expose, profiles
+from .optics_model import Optics, paper_optics, small_motion
+from .ray_march import look
+
+__all__ = ["SimulatedRig"]
+
+FULL_LIGHT_MS = 4.0
+"""Exposure at which a white surface that faces the projector just saturates 8 bits."""
+
+HALF_FIELD_MM = 6.2
+HOURS = np.timedelta64(3600 * 10**9, "ns")
+FAULTS = ("dropped", "unplugged")
+
+
+class SimulatedRig:
+    """Takes frames of a scene, with all that the optics, the light and the sensor do to them, and nothing else.
+
+    Modelled: perspective and distortion of both lenses, the angle between them, occlusion and shadow, Lambertian
+    shading, defocus and the lenses' own blur, the projector's pixels and black leak, flicker of its light from frame to
+    frame, drifting room light, shot and read noise, black level, saturation, 8 bits, and a sample that never stands
+    exactly where it stood. Not modelled: light scattered between walls or within the soil, gloss, rolling shutter.
+
+    Parameters
+    ----------
+    scene : str
+        Name in `pipelines.scenes.SCENES`.
+    scene_options : mapping, optional
+        Keywords of that scene.
+    camera : (int, int)
+        Columns, rows of the camera.
+    started : str, optional
+        ISO time at which the scene's age is 0; without it, the first capture. Give it where a campaign must go on after
+        a restart.
+    pace : float
+        Scene hours per real hour: above 1 the scene ages in time-lapse.
+    exposure_ms : float
+    flicker, room_light : float
+        Standard deviation of the light from frame to frame (a share); grey values of the room's light on white.
+    drift_mm : float
+        Standard deviation of where the sample lies at each visit, sideways; half of it in height.
+    seed : int
+        The same seed and time give the same frames.
+    faults : mapping of int to str, optional
+        By number of the visit, from 0, since the rig was made: ``dropped`` (a frame is missing, CaptureError) or
+        ``unplugged`` (DeviceUnavailable).
+
+    Raises
+    ------
+    InputError
+        An option has no such value.
+    """
+
+    def __init__(
+        self,
+        *,
+        scene: str = "soil",
+        scene_options: Mapping[str, Any] | None = None,
+        camera: Sequence[int] = (960, 720),
+        started: str | None = None,
+        pace: float = 1.0,
+        exposure_ms: float = 6.5,
+        flicker: float = 0.008,
+        room_light: float = 9.0,
+        drift_mm: float = 0.004,
+        seed: int = 1,
+        faults: Mapping[int, str] | None = None,
+    ) -> None:
+        if scene not in SCENES:
+            raise InputError(f"rig option scene: no scene {scene!r}; there are {', '.join(SCENES)}")
+        try:
+            self._scene: Scene = SCENES[scene](**(scene_options or {}))
+        except TypeError as error:
+            raise InputError(f"rig option scene_options: {error}") from None
+        if len(camera) != 2 or not all(isinstance(n, int) and 64 <= n <= 8192 for n in camera):
+            raise InputError(f"rig option camera: must be two numbers of 64 to 8192 (columns, rows), not {camera}")
+        for name, value in (("pace", pace), ("exposure_ms", exposure_ms)):
+            if not (np.isfinite(value) and value > 0):
+                raise InputError(f"rig option {name}: must be above 0, not {value}")
+        for name, value in (("flicker", flicker), ("room_light", room_light), ("drift_mm", drift_mm)):
+            if not (np.isfinite(value) and value >= 0):
+                raise InputError(f"rig option {name}: must not be below 0, not {value}")
+        for fault in (faults or {}).values():
+            if fault not in FAULTS:
+                raise InputError(f"rig option faults: no fault {fault!r}; there are {', '.join(FAULTS)}")
+        try:
+            self._started = None if started is None else parse_instant(str(started), "UTC")
+        except ValueError as error:
+            raise InputError(f"rig option started: {error}") from None
+        self._camera_size = (int(camera[0]), int(camera[1]))
+        self._pace = pace
+        self._exposure_ms = exposure_ms
+        self._flicker = flicker
+        self._room_light = room_light
+        self._drift_mm = drift_mm
+        self._seed = seed
+        self._faults = dict(faults or {})
+        self._visits = 0
+        self._stage: _Stage | None = None
+        self._lines: tuple[PatternSet, Profiles] | None = None
+
+    def open(self) -> None:
+        """Lay the scene under the optics; what does not change from visit to visit is computed here."""
+        if self._stage is None:
+            self._stage = _Stage(self._scene, paper_optics(self._camera_size), self._seed)
+
+    def capture(self, patterns: PatternSet, at: Instant) -> Frames:
+        """Show the scene as it is at that time; the frames bear that time.
+
+        Raises
+        ------
+        CaptureError, DeviceUnavailable
+            As asked for by `faults`; CaptureError too if the rig is not open.
+        """
+        if self._stage is None:
+            raise CaptureError("simulated rig: not open; call open() before capture()")
+        self._meet_fault()
+        if self._started is None:
+            self._started = at
+        elapsed_h = float((at - self._started) / HOURS) * self._pace
+        nanoseconds = int(at.astype(np.int64))
+        chance = np.random.default_rng([self._seed, nanoseconds % 2**63])
+        drift = self._drift_mm
+        lies = small_motion(
+            tuple(chance.normal(0, 0.5 * np.rad2deg(drift / 10), 3)),
+            (*chance.normal(0, drift, 2), chance.normal(0, drift / 2)),
+        )
+        return Frames(self._frames(patterns, elapsed_h, lies, chance), at, patterns, self._exposure_ms)
+
+    def capture_posed(
+        self,
+        patterns: PatternSet,
+        at: Instant,
+        tilt_deg: tuple[float, float, float],
+        shift_mm: tuple[float, float, float],
+    ) -> Frames:
+        """Capture as `capture` does, of a scene that somebody tilted and shifted: how a board is shown in poses."""
+        if self._stage is None:
+            raise CaptureError("simulated rig: not open; call open() before capture_posed()")
+        chance = np.random.default_rng([self._seed, int(at.astype(np.int64)) % 2**63])
+        lies = small_motion(tilt_deg, shift_mm)
+        return Frames(self._frames(patterns, 0.0, lies, chance), at, patterns, self._exposure_ms)
+
+    def close(self) -> None:
+        """Let go of the arrays; the rig may be opened again."""
+        self._stage = None
+
+    def _frames(
+        self, patterns: PatternSet, elapsed_h: float, lies: npt.NDArray[np.float64], chance: np.random.Generator
+    ) -> npt.NDArray[np.uint8]:
+        stage = self._stage
+        assert stage is not None
+        here = Optics(stage.optics.camera.moved(lies), stage.optics.projector.moved(lies))
+        if patterns.size != here.projector.lens.size:
+            columns, rows = here.projector.lens.size
+            raise CaptureError(
+                f"simulated rig: patterns are {patterns.size[0]}x{patterns.size[1]}, "
+                f"the projector is {columns}x{rows}: set size: [{columns}, {rows}]"
+            )
+        if self._lines is None or self._lines[0] != patterns:
+            self._lines = (patterns, profiles(patterns, here))
+        view = look(
+            stage.ground.height(elapsed_h).astype(np.float32),
+            stage.ground.albedo(elapsed_h).astype(np.float32),
+            stage.origin_mm,
+            stage.pitch_mm,
+            stage.rays,
+            here,
+        )
+        count = len(patterns.roles)
+        power = 255 * self._exposure_ms / FULL_LIGHT_MS * (1 + chance.normal(0, self._flicker, count))
+        room = self._room_light * (1 + 0.15 * np.sin(np.linspace(0, 2.5, count) + chance.uniform(0, 6.28)))
+        light = Light(power.astype(np.float32), room.astype(np.float32))
+        return expose(view, here, self._lines[1], light, stage.noise, int(chance.integers(len(stage.noise))))
+
+    def _meet_fault(self) -> None:
+        fault = self._faults.get(self._visits)
+        self._visits += 1
+        if fault == "dropped":
+            raise CaptureError("simulated rig: a frame was dropped; the capture is not whole")
+        if fault == "unplugged":
+            raise DeviceUnavailable("simulated rig: the camera does not answer; is it plugged in?")
+
+
+class _Stage:
+    """What stays from visit to visit: the optics, the ground on a raster, the camera's rays, a stretch of noise."""
+
+    optics: Optics
+    ground: Ground
+
+    def __init__(self, scene: Scene, optics: Optics, seed: int) -> None:
+        columns, rows = optics.camera.lens.size
+        self.optics = optics
+        self.rays = optics.camera.rays()
+        pixel_mm = optics.camera.focus_mm / optics.camera.lens.K[1, 1]
+        self.pitch_mm = float(np.clip(0.75 * pixel_mm, 0.008, 0.02))
+        half_y = HALF_FIELD_MM
+        half_x = min(HALF_FIELD_MM * columns / rows, 8.6)  # beyond, the projector does not reach
+        x = np.arange(-half_x, half_x, self.pitch_mm)
+        y = np.arange(-half_y, half_y, self.pitch_mm)
+        self.origin_mm = (float(x[0]), float(y[0]))
+        self.ground = scene.at(x[None, :], y[:, None])
+        self.noise = np.random.default_rng([seed, 8]).standard_normal(1 << 18).astype(np.float32)
