@@ -92,9 +92,9 @@ def read_yaml(text: str, file: str) -> Document:
     def plain(node: Any, route: Route) -> Any:
         values[route] = _place(node)
         if node.id == "mapping":
-            result: dict[str, Any] = {}
+            result: dict[str | int, Any] = {}
             for key_node, value_node in node.value:
-                key = str(key_node.value) if key_node.id == "scalar" else ""
+                key = _key(key_node)
                 here = (*route, key)
                 if key in result:
                     place = _place(key_node)
@@ -117,6 +117,14 @@ def read_yaml(text: str, file: str) -> Document:
 
 def _place(node: Any) -> Place:
     return Place(node.start_mark.line + 1, node.start_mark.column + 1)
+
+
+def _key(node: Any) -> str | int:
+    """A key as it is written, save that a whole number is one."""
+    if node.id != "scalar":
+        return "?"
+    value = _scalar(node)
+    return value if isinstance(value, int) and not isinstance(value, bool) else str(node.value)
 
 
 def _scalar(node: Any) -> str | int | float | bool | None:

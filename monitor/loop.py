@@ -1,0 +1,241 @@
+"""The loop that every campaign runs in: wait for a slot, visit, commit, settle; nothing is skipped in silence."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import groupby
+from threading import Event as Flag
+from typing import Protocol, get_args
+
+import structlog
+
+from configs import CaptureError, DeviceUnavailable
+from pipelines import Frames, Instant, Tick, format_instant
+from storage import Store
+
+from .clock import Clock, seconds_between
+from .rigs import Rig
+from .scheduler import Slots, slots_between
+from .visit import Epoch, Recipe, State, Yield, failed_tick, visit
+
+__all__ = ["LedgerLike", "Loop", "Outcome", "Settled"]
+
+RUNNING = "previous scan still running"
+NOT_RUNNING = "microrelief was not running"
+ASLEEP = "the machine slept, or its clock was set forward"
+_log = structlog.get_logger("microrelief.loop")
+
+
+class LedgerLike(Protocol):
+    """What the loop needs of the ledger."""
+
+    def plan(self, planned: Instant) -> None:
+        """Note that a slot is being worked on."""
+        ...
+
+    def settle(self, planned: Instant, state: State, cause: str = "") -> None:
+        """Note how a slot ended."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Settled:
+    """How one slot ended.
+
+    Parameters
+    ----------
+    planned : Instant
+    state : {"taken", "missed", "rejected", "failed"}
+    cause : str
+    number : int or None
+        Of the scan, once it is durable; None where there is none.
+    tick : Tick or None
+        None for a missed slot.
+    lag_s : float
+        How long after the slot the visit began; NaN for a missed slot.
+    took_s : float
+        From there until the scan was durable, by the campaign's clock; NaN for a missed slot.
+    """
+
+    planned: Instant
+    state: State
+    cause: str = ""
+    number: int | None = None
+    tick: Tick | None = None
+    lag_s: float = float("nan")
+    took_s: float = float("nan")
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a run did: how many slots ended in each state, and the lag of each visit, s."""
+
+    taken: int = 0
+    missed: int = 0
+    rejected: int = 0
+    failed: int = 0
+    lags_s: tuple[float, ...] = ()
+    stopped: bool = False
+
+    @property
+    def degraded(self) -> bool:
+        """Whether any slot did not end well."""
+        return bool(self.missed or self.rejected or self.failed)
+
+
+@dataclass(slots=True)
+class Loop:
+    """Runs one campaign on one rig into one store; the only part of the program that goes on for years.
+
+    Parameters
+    ----------
+    slots, grace : Slots, callable
+        When visits are due, and how late each may begin, s.
+    recipe : Recipe
+    rig, store, ledger, clock
+    last : Instant
+        The newest slot that has been dealt with; the next is the first after it.
+    on_settled : callable
+        Told of each slot once it is settled and durable.
+    stop : threading.Event
+        Set from a signal: the scan under way is finished, and no other begun.
+    work : callable
+        What makes a tick of a capture.
+    """
+
+    slots: Slots
+    grace: Callable[[Instant], float]
+    recipe: Recipe
+    rig: Rig
+    store: Store
+    ledger: LedgerLike
+    clock: Clock
+    last: Instant
+    on_settled: Callable[[Settled], None] = lambda settled: None
+    stop: Flag = field(default_factory=Flag)
+    work: Callable[[Frames, Recipe, Epoch | None, Instant], Yield] = visit
+    rig_is_open: bool = False
+    _epoch: Epoch | None = None
+    _started: Instant = field(init=False)
+    _busy_until: Instant = field(init=False)
+    _counts: dict[State, int] = field(default_factory=lambda: dict.fromkeys(get_args(State), 0))
+    _lags: list[float] = field(default_factory=list)
+
+    def run(self, max_scans: int | None = None) -> Outcome:
+        """Go on until the schedule is over, `stop` is set, or `max_scans` visits were made (well or not)."""
+        if len(self.store):
+            newest = self.store[-1]
+            self._epoch = Epoch(self.store[newest.baseline].scan, newest.alarms)
+        self._started = self._busy_until = self.clock.now()
+        visits = 0
+        while not self.stop.is_set() and (max_scans is None or visits < max_scans):
+            slot = self.slots.after(self.last)
+            if slot is None:
+                break
+            self.clock.wait_until(slot, self.stop)
+            if self.stop.is_set():
+                break
+            slot = self._newest_due(slot)
+            if slot is not None:
+                self._visit(slot)
+                visits += 1
+        return Outcome(**self._counts, lags_s=tuple(self._lags), stopped=self.stop.is_set())
+
+    def _newest_due(self, slot: Instant) -> Instant | None:
+        """Of all slots that are due, miss all but the newest, and that too if its grace is over."""
+        now = self.clock.now()
+        due = [slot, *slots_between(self.slots, slot, now)]
+        take = due.pop() if seconds_between(due[-1], now) <= self.grace(due[-1]) else None
+        for cause, missed in groupby(due, self._cause):
+            self._miss(list(missed), cause, now)
+        return take
+
+    def _cause(self, slot: Instant) -> str:
+        """Why nobody answered a slot in time."""
+        if slot < self._started:
+            return NOT_RUNNING
+        return RUNNING if slot <= self._busy_until else ASLEEP
+
+    def _miss(self, missed: list[Instant], cause: str, now: Instant) -> None:
+        """Record missed slots: a row each in the ledger, one event for all of them in the store."""
+        for planned in missed:
+            self.ledger.plan(planned)
+            self.ledger.settle(planned, "missed", cause)
+        self.last = missed[-1]
+        span = " to ".join(dict.fromkeys((format_instant(missed[0]), format_instant(missed[-1]))))
+        text = f"missed {len(missed)} {'slot' if len(missed) == 1 else 'slots'}, {span}: {cause}"
+        self._append(failed_tick(missed[-1], now, "missed", text))
+        for planned in missed:
+            self._tell(Settled(planned, "missed", cause))
+
+    def _visit(self, planned: Instant) -> None:
+        """Make one visit; whatever goes wrong in it is recorded, and the campaign goes on."""
+        began = self.clock.now()
+        lag = seconds_between(planned, began)
+        self.ledger.plan(planned)
+        self.last = planned
+        tick, state, cause = self._work(planned, began)
+        number = self._append(tick)
+        if number is None and tick.scan is not None:
+            state, cause = "failed", "the store did not take the scan; the log says why"
+        self.ledger.settle(planned, state, cause)
+        if number is not None:
+            self._after_scan(number, tick)
+        self._busy_until = self.clock.now()
+        took = seconds_between(began, self._busy_until)
+        self._lags.append(lag)
+        self._tell(Settled(planned, state, cause, number, tick, lag, took))
+
+    def _work(self, planned: Instant, began: Instant) -> tuple[Tick, State, str]:
+        try:
+            if not self.rig_is_open:
+                self.rig.open()
+                self.rig_is_open = True
+            frames = self.rig.capture(self.recipe.patterns, began)
+        except DeviceUnavailable as error:
+            self._close_rig()
+            return failed_tick(planned, began, "failed", str(error)), "failed", str(error)
+        except CaptureError as error:
+            return failed_tick(planned, began, "failed", str(error)), "failed", str(error)
+        except Exception as error:  # noqa: BLE001 - a driver's bug must not end a campaign of years
+            return self._surprise(planned, began, error)
+        try:
+            result = self.work(frames, self.recipe, self._epoch, planned)
+        except ValueError as error:  # CaptureError is one
+            return failed_tick(planned, began, "rejected", str(error)), "rejected", str(error)
+        except Exception as error:  # noqa: BLE001 - nor must our own
+            return self._surprise(planned, began, error)
+        return result.tick, result.state, result.cause
+
+    def _surprise(self, planned: Instant, began: Instant, error: Exception) -> tuple[Tick, State, str]:
+        _log.error("unexpected error", planned=format_instant(planned), traceback=traceback.format_exc())
+        text = f"unexpected {type(error).__name__}: {error}"
+        return failed_tick(planned, began, "failed", text), "failed", text
+
+    def _append(self, tick: Tick) -> int | None:
+        """Commit a tick; a store that refuses costs this tick and no more."""
+        try:
+            return self.store.append(tick)
+        except Exception as error:  # noqa: BLE001 - a full disk is mended by people, and the campaign then goes on
+            _log.error("store", error=f"{type(error).__name__}: {error}", traceback=traceback.format_exc())
+            return None
+
+    def _after_scan(self, number: int, tick: Tick) -> None:
+        """Hold the epoch's baseline as the store gives it back, so that a restart compares with the same numbers."""
+        if self._epoch is None or tick.change is None:
+            self._epoch = Epoch(self.store[number].scan, tick.alarms)
+        else:
+            self._epoch = Epoch(self._epoch.baseline, tick.alarms)
+
+    def _tell(self, settled: Settled) -> None:
+        self._counts[settled.state] += 1
+        self.on_settled(settled)
+
+    def _close_rig(self) -> None:
+        self.rig_is_open = False
+        try:
+            self.rig.close()
+        except Exception as error:  # noqa: BLE001 - it is gone already
+            _log.warning("closing the rig", error=f"{type(error).__name__}: {error}")

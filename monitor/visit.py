@@ -1,0 +1,192 @@
+"""One visit: frames to a tick. Arrays in, values out; the loop around it has the clock, the rig and the store."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from configs import Alarm, CaptureError
+from pipelines import (
+    AlarmState,
+    Calibration,
+    Comparison,
+    Event,
+    Frames,
+    Grid,
+    Instant,
+    Measurement,
+    PatternSet,
+    Scan,
+    Tick,
+)
+
+__all__ = ["Epoch", "Recipe", "State", "Yield", "failed_tick", "make_scan", "visit"]
+
+State = Literal["taken", "missed", "rejected", "failed"]
+"""How a planned slot ends."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recipe:
+    """What is done with every capture of a campaign.
+
+    Parameters
+    ----------
+    patterns : PatternSet
+    calibration : Calibration
+    grid : Grid
+    stable, region : ndarray of bool, shape (rows, columns), or None
+        Cells that hold still; cells that count.
+    metrics : tuple of str
+    alarms : tuple of Alarm
+    keep_frames : bool
+    """
+
+    patterns: PatternSet
+    calibration: Calibration
+    grid: Grid
+    stable: npt.NDArray[np.bool_] | None = None
+    region: npt.NDArray[np.bool_] | None = None
+    metrics: tuple[str, ...] = ()
+    alarms: tuple[Alarm, ...] = ()
+    keep_frames: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Epoch:
+    """What a new scan is compared with: the baseline, and where the alarms stood."""
+
+    baseline: Scan
+    alarms: Mapping[str, AlarmState] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Yield:
+    """A tick, how its slot ends, and why if it is not simply taken."""
+
+    tick: Tick
+    state: State
+    cause: str = ""
+
+
+def make_scan(frames: Frames, recipe: Recipe) -> Scan:
+    """Turn one capture into a height map on the campaign's grid.
+
+    Raises
+    ------
+    CaptureError
+        If no cell of the grid was measured.
+    ValueError
+        If the frames are not of this rig.
+    """
+    from pipelines.reconstruction import reconstruct, to_scan
+
+    points = reconstruct(frames, recipe.calibration)
+    scan = to_scan(points, recipe.calibration, recipe.grid, frames.time)
+    if not np.isfinite(scan.height).any():
+        raise CaptureError("no cell was measured: is the projector on, and the object in the field of view?")
+    return scan
+
+
+def visit(frames: Frames, recipe: Recipe, epoch: Epoch | None, planned: Instant) -> Yield:
+    """Work one capture out.
+
+    Parameters
+    ----------
+    frames : Frames
+    recipe : Recipe
+    epoch : Epoch or None
+        None before the first scan. A baseline on another grid or calibration ends its epoch: the scan becomes the
+        baseline of the next, and an event says so.
+    planned : Instant
+        The slot that the capture answers.
+
+    Returns
+    -------
+    Yield
+        ``taken``, or ``rejected`` where the scan cannot be laid onto the baseline: it is kept with its flagged
+        change, and gives no metrics.
+
+    Raises
+    ------
+    CaptureError, ValueError
+        If the frames cannot become a height map.
+    """
+    scan = make_scan(frames, recipe)
+    kept = frames if recipe.keep_frames else None
+    if epoch is None or not _comparable(scan, epoch.baseline):
+        events: tuple[Event, ...] = ()
+        if epoch is not None:
+            events = (Event(scan.time, "epoch", _why_new_epoch(scan, epoch.baseline)),)
+        alarms: dict[str, AlarmState] = {alarm.name: "ok" for alarm in recipe.alarms}
+        tick = Tick(planned, scan, alarms=alarms, events=events, calibration=recipe.calibration, frames=kept)
+        return Yield(tick, "taken")
+
+    from pipelines.change import compare, measure
+
+    comparison: Comparison = compare(scan, epoch.baseline, stable=recipe.stable, region=recipe.region)
+    motion = comparison.change.motion
+    if motion.verdict == "failed":
+        cause = f"registration failed: {motion.reason}"
+        metrics: Mapping[str, Measurement] = {}
+    else:
+        cause = ""
+        metrics = measure(comparison, recipe.metrics)
+    states = {alarm.name: judge_alarm(alarm, metrics.get(alarm.metric)) for alarm in recipe.alarms}
+    events = _alarm_events(recipe.alarms, states, epoch.alarms, metrics, scan.time)
+    if cause:
+        events = (Event(scan.time, "rejected", cause), *events)
+    elif motion.verdict == "doubtful":
+        events = (Event(scan.time, "note", f"registration doubtful: {motion.reason}"), *events)
+    tick = Tick(planned, scan, comparison.change, metrics, states, events, recipe.calibration, kept)
+    return Yield(tick, "rejected" if cause else "taken", cause)
+
+
+def failed_tick(planned: Instant, at: Instant, kind: Literal["failed", "rejected", "missed"], text: str) -> Tick:
+    """Make the tick of a visit that yielded no scan."""
+    return Tick(planned, events=(Event(at, kind, text),))
+
+
+def judge_alarm(alarm: Alarm, measurement: Measurement | None) -> AlarmState:
+    """Say where an alarm stands: the plain comparison of a value with its limits; no value is "no data"."""
+    from pipelines.trends import Limits, judge
+
+    limits = Limits(
+        warn_above=alarm.warn_above,
+        alarm_above=alarm.alarm_above,
+        warn_below=alarm.warn_below,
+        alarm_below=alarm.alarm_below,
+    )
+    return judge(measurement, limits)
+
+
+def _comparable(scan: Scan, baseline: Scan) -> bool:
+    return scan.grid == baseline.grid and scan.calibration_id == baseline.calibration_id
+
+
+def _why_new_epoch(scan: Scan, baseline: Scan) -> str:
+    if scan.grid != baseline.grid:
+        return "new grid: this scan is the new baseline"
+    return f"new calibration {scan.calibration_id} after {baseline.calibration_id}: this scan is the new baseline"
+
+
+def _alarm_events(
+    alarms: tuple[Alarm, ...],
+    states: Mapping[str, AlarmState],
+    before: Mapping[str, AlarmState],
+    metrics: Mapping[str, Measurement],
+    time: Instant,
+) -> tuple[Event, ...]:
+    """One event per alarm that changed its state; a first state other than ok is a change too."""
+    events = []
+    for alarm in alarms:
+        old, new = before.get(alarm.name, "ok"), states[alarm.name]
+        if new != old:
+            value = metrics.get(alarm.metric)
+            told = f", {alarm.metric} {value.value:.4g} ± {value.sigma:.2g}" if value is not None else ""
+            events.append(Event(time, "alarm", f"{alarm.name}: {old} -> {new}{told}"))
+    return tuple(events)
