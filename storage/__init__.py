@@ -2,6 +2,17 @@
 
 from .capture_folder import read_capture, write_capture
 from .pattern_file import read_patterns, write_patterns
-from .store import About, Store, Stored
+from .store import STORES, About, Store, Stored, create_store, open_store
 
-__all__ = ["About", "Store", "Stored", "read_capture", "read_patterns", "write_capture", "write_patterns"]
+__all__ = [
+    "STORES",
+    "About",
+    "Store",
+    "Stored",
+    "create_store",
+    "open_store",
+    "read_capture",
+    "read_patterns",
+    "write_capture",
+    "write_patterns",
+]

@@ -1,0 +1,318 @@
+"""IcechunkStore: a campaign as one Icechunk repository in a local folder; one tick is one transaction."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from configs import StoreError
+from pipelines import Calibration, Event, Grid, Instant, Scan, Tick, format_instant
+
+from .binned import write_bins
+from .layout import (
+    CELLS_OF_CHANGE,
+    CELLS_OF_SCAN,
+    SCHEMA,
+    add_metric,
+    grid_of,
+    lay_out,
+    root_attributes,
+    split_sizes,
+)
+from .lock import WriterLock
+from .order import Place, Tail, place
+from .packing import HeightType
+from .records import put, read_change, read_events, read_scan, write_change, write_events, write_frames, write_scan
+from .repository import create_repository, newest_whole, open_repository, publish, root_of
+from .series import frame_of
+from .store import About, Stored
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+
+__all__ = ["IcechunkStore"]
+
+LOCK = "writer.lock"
+
+
+class IcechunkStore:
+    """A store in a folder. Made by `create_store` and `open_store`.
+
+    A reader sees the snapshot that was newest when it opened; a writer sees its own last append.
+    """
+
+    def __init__(self, folder: Path, lock: WriterLock | None) -> None:
+        self._folder = folder
+        self._lock = lock
+        self._repository = open_repository(folder)
+        self._snapshot, lost = newest_whole(self._repository, folder, self._probe)
+        self._load()
+        self._lost: tuple[Event, ...] = ()
+        if lost:
+            when = self._tail.time if self._tail.time is not None else np.datetime64(0, "ns")
+            newest = f"scan {self._tail.count - 1}" if self._tail.count else "no scan"
+            self._lost = (Event(when, "note", f"store: {lost}, whose newest is {newest}; what came after is lost"),)
+            if lock is not None:
+                self._go_back()
+
+    @staticmethod
+    def create(
+        folder: Path,
+        *,
+        site: str,
+        grid: Grid,
+        campaign: str,
+        campaign_hash: str,
+        metrics: Mapping[str, str],
+        software: str,
+        created: Instant,
+        height_type: HeightType,
+    ) -> IcechunkStore:
+        """Make a store at `folder`, which must not exist or be empty, and hold its lock."""
+        import zarr
+
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise StoreError(f"{folder}: exists already: open it, or choose another path")
+        try:
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            # made beside and renamed: a store is there with all its groups, or not at all
+            making = folder.with_name(f".{folder.name}.making-{os.getpid()}")
+            shutil.rmtree(making, ignore_errors=True)
+            making.mkdir()
+        except OSError as error:
+            raise StoreError(f"{folder}: cannot be made: {error.strerror}") from None
+        lock = None
+        try:
+            repository = create_repository(making, split_sizes(grid), (*CELLS_OF_SCAN, *CELLS_OF_CHANGE))
+            session = repository.writable_session("main")
+            attributes = root_attributes(site, grid, campaign, campaign_hash, software, format_instant(created))
+            lay_out(zarr.create_group(session.store, attributes=attributes), grid, height_type, metrics)
+            publish(repository, making, session, "store created", {})
+            lock = WriterLock(making / LOCK)
+            making.rename(folder)
+            return IcechunkStore(folder, lock)
+        except BaseException as error:
+            if lock is not None:
+                lock.release()
+            shutil.rmtree(making, ignore_errors=True)
+            if isinstance(error, OSError) and not isinstance(error, StoreError):
+                raise StoreError(f"{folder}: cannot be made: {error.strerror}") from error
+            raise
+
+    @staticmethod
+    def open(folder: Path, *, write: bool, metrics: Mapping[str, str]) -> IcechunkStore:
+        """Open a store; a writer takes the lock, and adds `metrics` that are not there yet."""
+        open_repository(folder)  # says what is wrong with the path before a lock file is made in it
+        lock = WriterLock(folder / LOCK) if write else None
+        try:
+            store = IcechunkStore(folder, lock)
+            new = {name: unit for name, unit in metrics.items() if name not in store.about.metrics}
+            if write and new:
+                store._add_metrics(new)
+        except BaseException:
+            if lock is not None:
+                lock.release()
+            raise
+        return store
+
+    def append(self, tick: Tick) -> int | None:
+        """Commit one tick durably; see `Store.append`.
+
+        Raises
+        ------
+        StoreError
+            If the store is open to read, the tick does not fit (see `order.place`), or the disk does not take it;
+            then the store is as it was.
+        """
+        self._writing()
+        where = place(self._tail, tick, self._about.grid or Grid(1, 1, 1.0), self._about.metrics)
+        message, metadata = f"tick {format_instant(tick.planned)}: no scan", {"planned": format_instant(tick.planned)}
+        if where.number is not None:
+            message = f"scan {where.number} of {format_instant(tick.planned)}"
+            metadata["scan"] = str(where.number)
+        self._commit(lambda root: self._write(root, tick, where), message, metadata)
+        return where.number
+
+    def __len__(self) -> int:
+        return self._tail.count
+
+    def __getitem__(self, number: int) -> Stored:
+        count = len(self)
+        if not -count <= number < count:
+            raise IndexError(f"{self._folder}: there is no scan {number}: it holds {count}")
+        number %= count
+        scans = self._root["scans"]
+        grid = grid_of(self._root.attrs)
+        scan: Scan = read_scan(scans, number, grid)
+        return Stored(
+            number=number,
+            epoch=int(scans["epoch"][number]),
+            baseline=int(scans["baseline"][number]),
+            planned=np.datetime64(int(scans["planned"][number]), "ns"),
+            scan=scan,
+            change=read_change(self._root["change"], number, grid),
+            alarms=json.loads(str(scans["alarms"][number])),
+        )
+
+    def window(self, first: Instant | None = None, last: Instant | None = None) -> xr.Dataset:
+        """Give the scans between two instants, lazily; see `Store.window`."""
+        from .view import window_of
+
+        return window_of(self._session.store, first, last)
+
+    def series(self) -> pd.DataFrame:
+        """Give all metrics; see `Store.series`."""
+        table, scans = self._root["metrics"], self._root["scans"]
+        times = table["time"][:].astype("datetime64[ns]")
+        columns = {}
+        for name in self._about.metrics:
+            columns[name] = table[name][:]
+            columns[f"{name}_sigma"] = table[f"{name}_sigma"][:]
+        return frame_of(times, scans["scan"][:], columns, self._about.metrics)
+
+    @property
+    def about(self) -> About:
+        """What this store is and what made it."""
+        return self._about
+
+    @property
+    def events(self) -> tuple[Event, ...]:
+        """All events, oldest first; a reader that had to go back to an older snapshot says so last."""
+        return (*read_events(self._root["events"]), *self._lost)
+
+    def calibration(self, calibration_id: str) -> Calibration:
+        """Give a calibration that placed some scan. Raises KeyError where there is none of that id."""
+        group = self._root["calibrations"]
+        ids = [str(name) for name in group["id"][:]]
+        if calibration_id not in ids:
+            raise KeyError(f"{self._folder}: no calibration {calibration_id!r}: it holds {', '.join(ids) or 'none'}")
+        return Calibration.from_json(str(group["json"][ids.index(calibration_id)]))
+
+    @property
+    def session(self) -> Any:
+        """The Icechunk session at ``about.snapshot``: ``xarray.open_zarr(session.store, group="scans")`` reads it."""
+        return self._session
+
+    def close(self) -> None:
+        """Let go of the writer's lock, if held."""
+        if self._lock is not None:
+            self._lock.release()
+            self._lock = None
+
+    def __repr__(self) -> str:
+        return f"IcechunkStore({str(self._folder)!r}, {len(self)} scans)"
+
+    def _writing(self) -> None:
+        if self._lock is None:
+            raise StoreError(f"{self._folder}: is open to read: open it with write=True")
+
+    def _commit(self, write: Any, message: str, metadata: dict[str, Any]) -> None:
+        import icechunk
+
+        session = self._repository.writable_session("main")
+        try:
+            write(root_of(session, "r+"))
+            publish(self._repository, self._folder, session, message, metadata)
+        except (icechunk.IcechunkError, OSError) as error:
+            if isinstance(error, StoreError):
+                raise
+            self._snapshot = self._repository.lookup_branch("main")
+            self._load()
+            reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error).splitlines()[0]
+            if "os error 28" in str(error) or getattr(error, "errno", None) == 28:
+                reason = "the disk is full: free some space"
+            raise StoreError(f"{self._folder}: {message} was not stored: {reason.strip()}") from error
+        self._snapshot = self._repository.lookup_branch("main")
+        self._load()
+
+    def _write(self, root: Any, tick: Tick, where: Place) -> None:
+        if where.number is not None and tick.scan is not None:
+            write_scan(root["scans"], where, tick)
+            write_change(root["change"], where.number, tick)
+            self._write_metrics(root["metrics"], where.number, tick)
+            write_bins(root["binned"], where.number, tick)
+        write_events(root["events"], where.events)
+        if tick.calibration is not None:
+            self._keep(root["calibrations"], tick.calibration)
+        if tick.frames is not None:
+            write_frames(root, where.number, tick.frames)
+
+    def _write_metrics(self, table: Any, number: int, tick: Tick) -> None:
+        assert tick.scan is not None
+        put(table["time"], number, tick.scan.time.astype(np.int64))
+        for name in self._about.metrics:
+            measured = tick.metrics.get(name)
+            put(table[name], number, np.nan if measured is None else measured.value)
+            put(table[f"{name}_sigma"], number, np.nan if measured is None else measured.sigma)
+
+    def _keep(self, group: Any, calibration: Calibration) -> None:
+        ids = [str(name) for name in group["id"][:]]
+        if calibration.id not in ids:
+            put(group["id"], len(ids), calibration.id)
+            put(group["json"], len(ids), calibration.to_json())
+
+    def _add_metrics(self, new: dict[str, str]) -> None:
+        def write(root: Any) -> None:
+            for name, unit in new.items():
+                add_metric(root["metrics"], name, unit)
+
+        self._commit(write, f"metrics added: {', '.join(new)}", {})
+
+    def _go_back(self) -> None:
+        """Make the newest whole snapshot the newest one, and keep the event that says so."""
+        self._repository.reset_branch("main", self._snapshot)
+        events, self._lost = self._lost, ()
+        self._commit(lambda root: write_events(root["events"], events), "went back to the newest whole snapshot", {})
+
+    def _probe(self, session: Any) -> None:
+        """Read what a whole snapshot must hold: all groups, every table and the newest scan."""
+        root = root_of(session)
+        schema = root.attrs.get("microrelief_schema")
+        if not isinstance(schema, int):
+            raise StoreError(f"{self._folder}: is an Icechunk repository, but not a microrelief store")
+        if schema > SCHEMA:
+            raise StoreError(
+                f"{self._folder}: schema {schema} was made by a newer microrelief (this one reads {SCHEMA}): update it"
+            )
+        count = root["scans/time"].shape[0]
+        if count:
+            read_scan(root["scans"], count - 1, grid_of(root.attrs))
+            read_change(root["change"], count - 1, grid_of(root.attrs))
+
+    def _load(self) -> None:
+        """Read the snapshot's groups, facts and tail."""
+        self._session = self._repository.readonly_session(snapshot_id=self._snapshot)
+        self._root = root_of(self._session)
+        attributes = dict(self._root.attrs)
+        self._about = About(
+            location=str(self._folder),
+            site=attributes["site"],
+            grid=grid_of(attributes),
+            campaign=attributes["campaign"],
+            campaign_hash=attributes["campaign_hash"],
+            software=attributes["software"],
+            schema=attributes["microrelief_schema"],
+            snapshot=self._snapshot,
+            metrics=dict(self._root["metrics"].attrs["metrics"]),
+        )
+        scans = self._root["scans"]
+        count = scans["time"].shape[0]
+        if not count:
+            self._tail = Tail()
+            return
+        baseline = int(scans["baseline"][count - 1])
+        self._tail = Tail(
+            count=count,
+            time=np.datetime64(int(scans["time"][count - 1]), "ns"),
+            epoch=int(scans["epoch"][count - 1]),
+            baseline=baseline,
+            baseline_time=np.datetime64(int(scans["time"][baseline]), "ns"),
+            calibration_id=str(scans["calibration"][count - 1]),
+        )

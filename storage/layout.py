@@ -1,0 +1,251 @@
+"""What is in a store: its groups and arrays, their chunks, units and attributes. Schema 1.
+
+    /             attrs: microrelief_schema, site, campaign, campaign_hash, software, created, grid
+    /scans        height sigma texture level (time, y, x); scan epoch baseline planned calibration alarms (time)
+    /change       dz lod (time, y, x); baseline_time motion verdict reason (time)
+    /binned       height dz: means of 8x8 cells; see `Binned` in icechunk_store
+    /metrics      NAME and NAME_sigma (time)
+    /events       time kind text (event)
+    /calibrations id json (calibration)
+    /raw          one group per kind of capture, only where frames are kept
+
+Cells lie in chunks of one scan; what is one number per scan lies in chunks of `TABLE_CHUNK` scans: a chunk per scan
+would make a thousand reads of a series.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from pipelines import Grid
+
+from .packing import BIN, STEP_MM, fill_of
+
+__all__ = [
+    "CELLS_OF_CHANGE",
+    "CELLS_OF_SCAN",
+    "FOLD",
+    "MOTION_TERMS",
+    "NO_TIME",
+    "SCHEMA",
+    "TABLE_CHUNK",
+    "add_metric",
+    "grid_of",
+    "lay_out",
+    "root_attributes",
+    "split_sizes",
+]
+
+SCHEMA = 1
+TABLE_CHUNK = 256
+CELL_CHUNK = 512
+FOLD = 64
+"""Scans per chunk of ``/binned``."""
+
+NO_TIME = int(np.iinfo(np.int64).min)
+"""What numpy calls NaT."""
+
+CELLS_OF_SCAN = ("height", "sigma", "texture", "level")
+CELLS_OF_CHANGE = ("dz", "lod")
+MOTION_TERMS = (
+    *(f"m{row}{column}" for row in range(4) for column in range(4)),
+    "residual_mm",
+    "overlap",
+    "conditioning",
+    "sigma_z_mm",
+    "sigma_xy_mm",
+)
+
+_TIME = {"units": "nanoseconds since 1970-01-01", "calendar": "proleptic_gregorian"}
+
+
+def root_attributes(site: str, grid: Grid, campaign: str, campaign_hash: str, software: str, created: str) -> Any:
+    """Give the root's attributes: where the data come from."""
+    return {
+        "microrelief_schema": SCHEMA,
+        "Conventions": "CF-1.11",
+        "title": f"microrelief: height maps of {site}",
+        "site": site,
+        "campaign": campaign,
+        "campaign_hash": campaign_hash,
+        "software": software,
+        "created": created,
+        "grid": asdict(grid),
+    }
+
+
+def grid_of(attributes: Mapping[str, Any]) -> Grid:
+    """Read the grid from the root's attributes."""
+    return Grid(**attributes["grid"])
+
+
+def split_sizes(grid: Grid) -> tuple[int, int]:
+    """Chunks along time in one manifest, for cells and for tables.
+
+    Every commit rewrites the newest manifest of each array and the list of all manifests: the sum is least where a
+    manifest's references weigh about as much as the list after some 10,000 scans.
+    """
+    chunks = -(-grid.rows // CELL_CHUNK) * -(-grid.columns // CELL_CHUNK)
+    return max(32, 2 ** int(np.log2(256 / np.sqrt(chunks)))), 4
+
+
+def lay_out(root: Any, grid: Grid, height_type: str, metrics: Mapping[str, str]) -> None:
+    """Make all groups and arrays, empty."""
+    scans = root.create_group("scans", attributes={"Conventions": "CF-1.11", "title": "height maps"})
+    _coordinates(scans, grid)
+    height = {"units": "mm", "long_name": "height above the reference plane", "ancillary_variables": "sigma"}
+    _cells(scans, "height", grid, height_type, height)
+    _cells(scans, "sigma", grid, "float32", {"units": "mm", "long_name": "standard uncertainty of height"})
+    _cells(scans, "texture", grid, "uint8", {"units": "1", "long_name": "brightness under full light, 0 to 255"})
+    _cells(scans, "level", grid, "uint8", {"units": "1", "long_name": "coarseness of the stripes resolved; 255 none"})
+    _table(scans, "scan", "int64", 0, {"units": "1", "long_name": "scan number"})
+    _table(scans, "epoch", "int32", 0, {"units": "1", "long_name": "epoch: grows where calibration or baseline change"})
+    _table(scans, "baseline", "int64", 0, {"units": "1", "long_name": "number of the scan that change is against"})
+    _table(scans, "planned", "int64", NO_TIME, {**_TIME, "long_name": "slot of the schedule", "_FillValue": NO_TIME})
+    _table(scans, "calibration", "str", "", {"long_name": "id of the calibration"})
+    _table(scans, "alarms", "str", "{}", {"long_name": "state of each alarm after the scan, JSON"})
+
+    change = root.create_group("change", attributes={"Conventions": "CF-1.11", "title": "change since the baseline"})
+    _coordinates(change, grid)
+    _cells(change, "dz", grid, height_type, {"units": "mm", "long_name": "height now minus height then"})
+    _cells(change, "lod", grid, "float32", {"units": "mm", "long_name": "level of detection at 95 %"})
+    then = {**_TIME, "long_name": "time of the baseline", "_FillValue": NO_TIME}
+    _table(change, "baseline_time", "int64", NO_TIME, then)
+    _table(change, "verdict", "str", "", {"long_name": "good, doubtful or failed; empty where there is no change"})
+    _table(change, "reason", "str", "", {"long_name": "why the verdict is not good"})
+    change.create_array(
+        "motion",
+        shape=(0, len(MOTION_TERMS)),
+        chunks=(TABLE_CHUNK, len(MOTION_TERMS)),
+        dtype="float64",
+        fill_value=np.nan,
+        compressors=_compressor(),
+        dimension_names=("time", "motion_term"),
+        attributes={"long_name": "rigid motion, scan to baseline, row by row; then its quality", "terms": MOTION_TERMS},
+    )
+
+    _lay_out_binned(root, grid, height_type)
+    table = root.create_group("metrics", attributes={"Conventions": "CF-1.11", "metrics": {}})
+    _table(table, "time", "int64", NO_TIME, {**_TIME, "standard_name": "time"})
+    for name, unit in metrics.items():
+        add_metric(table, name, unit)
+    events = root.create_group("events", attributes={"title": "failures, missed runs, alarms, epochs, remarks"})
+    _table(events, "time", "int64", NO_TIME, dict(_TIME), along="event")
+    _table(events, "kind", "str", "", {}, along="event")
+    _table(events, "text", "str", "", {}, along="event")
+    calibrations = root.create_group("calibrations", attributes={"title": "calibrations by id, as calibration.json"})
+    for name in ("id", "json"):
+        calibrations.create_array(name, shape=(0,), chunks=(1,), dtype="str", dimension_names=("calibration",))
+
+
+def add_metric(table: Any, name: str, unit: str) -> None:
+    """Make a metric's two arrays, NaN for the scans that are already there."""
+    count = int(table["time"].shape[0])
+    table.attrs["metrics"] = {**table.attrs.get("metrics", {}), name: unit}
+    for array, what in ((name, "value"), (f"{name}_sigma", "standard uncertainty")):
+        _table(table, array, "float64", np.nan, {"units": unit, "long_name": f"{name}: {what}"}, count=count)
+
+
+def _lay_out_binned(root: Any, grid: Grid, height_type: str) -> None:
+    rows, columns = -(-grid.rows // BIN), -(-grid.columns // BIN)
+    about = f"height and dz as means of {BIN}x{BIN} cells, folded every {FOLD} scans"
+    binned = root.create_group("binned", attributes={"Conventions": "CF-1.11", "title": about})
+    coarse = Grid(
+        rows,
+        columns,
+        grid.pitch_mm * BIN,
+        grid.x0_mm + grid.pitch_mm * (BIN - 1) / 2,
+        grid.y0_mm + grid.pitch_mm * (BIN - 1) / 2,
+    )
+    _coordinates(binned, coarse)
+    for name in ("height", "dz"):
+        attributes = {"units": "mm", **_packed(height_type)}
+        binned.create_array(
+            name,
+            shape=(0, rows, columns),
+            chunks=(FOLD, min(64, rows), min(64, columns)),
+            dtype=height_type,
+            fill_value=fill_of(height_type),
+            compressors=_compressor(),
+            dimension_names=("time", "y", "x"),
+            attributes={"long_name": f"mean {name}", **attributes},
+        )
+        binned.create_array(
+            f"{name}_tail",
+            shape=(FOLD, rows, columns),
+            chunks=(1, min(CELL_CHUNK, rows), min(CELL_CHUNK, columns)),
+            dtype=height_type,
+            fill_value=fill_of(height_type),
+            compressors=_compressor(),
+            dimension_names=("tail", "y", "x"),
+            attributes={
+                "long_name": f"mean {name} of the scans after those of {name}; scan n in n % {FOLD}",
+                **attributes,
+            },
+        )
+
+
+def _coordinates(group: Any, grid: Grid) -> None:
+    _table(group, "time", "int64", NO_TIME, {**_TIME, "standard_name": "time", "axis": "T"})
+    for name, values, axis in (("y", grid.y_mm, "Y"), ("x", grid.x_mm, "X")):
+        group.create_array(
+            name,
+            data=values,
+            chunks=values.shape,
+            compressors=_compressor(),
+            dimension_names=(name,),
+            attributes={"units": "mm", "axis": axis, "long_name": f"cell centre along {name}, site frame"},
+        )
+
+
+def _packed(kind: str) -> dict[str, Any]:
+    return {"scale_factor": STEP_MM, "add_offset": 0.0, "_FillValue": fill_of(kind)}
+
+
+def _cells(group: Any, name: str, grid: Grid, kind: str, attributes: dict[str, Any]) -> None:
+    fill: float = {"float32": np.nan, "uint8": 255 if name == "level" else 0}.get(kind, 0)
+    if kind in ("int16", "int32"):
+        fill = fill_of(kind)
+        attributes = {**attributes, **_packed(kind)}
+    group.create_array(
+        name,
+        shape=(0, *grid.shape),
+        chunks=(1, min(CELL_CHUNK, grid.rows), min(CELL_CHUNK, grid.columns)),
+        dtype=kind,
+        fill_value=fill,
+        compressors=_compressor(),
+        dimension_names=("time", "y", "x"),
+        attributes=attributes,
+    )
+
+
+def _table(
+    group: Any,
+    name: str,
+    kind: str,
+    fill: Any,
+    attributes: dict[str, Any],
+    *,
+    along: str = "time",
+    count: int = 0,
+) -> None:
+    group.create_array(
+        name,
+        shape=(count,),
+        chunks=(TABLE_CHUNK,),
+        dtype=kind,
+        fill_value=fill,
+        compressors=_compressor() if kind != "str" else "auto",
+        dimension_names=(along,),
+        attributes=attributes,
+    )
+
+
+def _compressor() -> Any:
+    from zarr.codecs import BloscCodec
+
+    return BloscCodec(cname="zstd", clevel=1, shuffle="bitshuffle")

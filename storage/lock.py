@@ -1,0 +1,51 @@
+"""One writer: a lock that dies with the process that holds it, and names it to others."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import socket
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+
+from configs import StoreError
+
+__all__ = ["WriterLock"]
+
+
+class WriterLock:
+    """``flock`` on a file of the store's folder, with pid, host and time inside for people to read.
+
+    The kernel lets go of it when the process ends, however it ends: what a dead writer left in the file means nothing.
+
+    Raises
+    ------
+    StoreError
+        If another writer holds it; the message names the holder.
+    """
+
+    def __init__(self, file: Path) -> None:
+        try:
+            descriptor = os.open(file, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        except OSError as error:
+            raise StoreError(f"{file.parent}: cannot be opened for writing: {error.strerror}") from None
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            holder = os.read(descriptor, 200).decode(errors="replace").strip() or "a writer that gave no name"
+            os.close(descriptor)
+            raise StoreError(
+                f"{file.parent}: another writer holds this store ({holder}): stop it first, or open the store to read"
+            ) from None
+        self._descriptor: int | None = descriptor
+        since = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
+        with suppress(OSError):  # a full disk: the lock holds without its label
+            os.ftruncate(descriptor, 0)
+            os.pwrite(descriptor, f"pid {os.getpid()} on {socket.gethostname()} since {since}\n".encode(), 0)
+
+    def release(self) -> None:
+        """Let go; a second call does nothing."""
+        if self._descriptor is not None:
+            os.close(self._descriptor)
+            self._descriptor = None
