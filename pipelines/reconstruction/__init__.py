@@ -1,14 +1,20 @@
 """Frames to height maps: patterns, decoding, calibration, triangulation, gridding, clean-up."""
 
+from .board import Board
+from .calibration import calibrate, calibrate_decoded
 from .decode import decode
 from .frame_order import suggest_order
 from .frames import Frames
+from .gridding import footprint_grid, to_scan
 from .patterns import PAPER_STRIPES, FrameRole, PatternSet
 from .pixel_maps import Decoded, PointMap
+from .reconstruct import reconstruct
 from .rig_model import Calibration, Lens, PoseResidual
+from .triangulate import triangulate
 
 __all__ = [
     "PAPER_STRIPES",
+    "Board",
     "Calibration",
     "Decoded",
     "FrameRole",
@@ -17,6 +23,12 @@ __all__ = [
     "PatternSet",
     "PointMap",
     "PoseResidual",
+    "calibrate",
+    "calibrate_decoded",
     "decode",
+    "footprint_grid",
+    "reconstruct",
     "suggest_order",
+    "to_scan",
+    "triangulate",
 ]

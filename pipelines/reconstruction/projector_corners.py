@@ -1,0 +1,173 @@
+"""Where the projector "sees" the board's corners: dense decoded positions carried to the corners, to sub-pixel.
+
+Two ways, which the calibration can choose between (docs/decisions/0003-projector-calibration.md):
+
+`plane`  one homography of the whole board per pose, and a cubic for what both lenses distort;
+`local`  one homography per corner, from the pixels around it (Moreno and Taubin 2012; US patent 10,008,007).
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from .pinhole import fit_homography, map_homography
+from .pixel_maps import Decoded
+
+__all__ = ["CornerMethod", "corner_spacing_px", "projector_corners"]
+
+CornerMethod = Literal["plane", "local"]
+Floats = npt.NDArray[np.float64]
+
+GROSS_PX = 3.0  # a decoded pixel further than this from its neighbours' homography is a decoding error
+CUBIC = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3)]
+
+
+def projector_corners(
+    decoded: Decoded, corners: Floats, inner_corners: tuple[int, int], method: CornerMethod
+) -> Floats:
+    """Projector position of each camera corner.
+
+    Parameters
+    ----------
+    decoded : Decoded
+        Both axes.
+    corners : ndarray of float64, shape (corner, 2)
+        (column, row) in the camera's image, row by row of the board.
+    inner_corners : (int, int)
+        Corners along a row of the board, and rows.
+    method : {"plane", "local"}
+
+    Returns
+    -------
+    ndarray of float64, shape (corner, 2)
+        (column, row) on the projector; NaN where too little was decoded.
+    """
+    if method == "local":
+        return _local(decoded, corners, inner_corners)
+    return _plane(decoded, corners, inner_corners)
+
+
+def corner_spacing_px(corners: Floats, inner_corners: tuple[int, int]) -> float:
+    """Median distance of neighbouring corners in the image."""
+    lattice = corners.reshape(inner_corners[1], inner_corners[0], 2)
+    along = np.linalg.norm(np.diff(lattice, axis=1), axis=-1).ravel()
+    across = np.linalg.norm(np.diff(lattice, axis=0), axis=-1).ravel()
+    return float(np.median(np.concatenate([along, across])))
+
+
+def _local(decoded: Decoded, corners: Floats, inner_corners: tuple[int, int]) -> Floats:
+    half = round(min(max(0.35 * corner_spacing_px(corners, inner_corners), 6), 40))
+    H, W = decoded.column.shape
+    random = np.random.default_rng(0)  # which triples are tried; fixed, so that a calibration repeats
+    result = np.full(corners.shape, np.nan)
+    for n, (u, v) in enumerate(corners):
+        c0, r0 = round(u) - half, round(v) - half
+        if c0 < 0 or r0 < 0 or c0 + 2 * half >= W or r0 + 2 * half >= H:
+            continue
+        window = slice(r0, r0 + 2 * half + 1), slice(c0, c0 + 2 * half + 1)
+        target = np.stack([decoded.column[window], decoded.row[window]], axis=-1).astype(np.float64)
+        rows, columns = np.nonzero(np.isfinite(target).all(axis=-1))
+        if len(rows) < max(40, 0.2 * (2 * half + 1) ** 2):
+            continue
+        source = np.stack([columns + c0 - u, rows + r0 - v], axis=1).astype(np.float64)
+        fit = _robust_homography(source, target[rows, columns], random)
+        if fit is not None:
+            result[n] = map_homography(fit, np.zeros(2))
+    return result
+
+
+def _robust_homography(source: Floats, target: Floats, random: np.random.Generator) -> Floats | None:
+    """RANSAC over affine maps for the inliers, then a homography by iterated reweighting (Tukey)."""
+    ones = np.ones((len(source), 1))
+    full = np.concatenate([source, ones], axis=1)
+    best, most = None, 0
+    sample = full[:: max(1, len(full) // 300)], target[:: max(1, len(full) // 300)]
+    for _ in range(40):
+        triple = random.choice(len(source), 3, replace=False)
+        basis = full[triple]
+        if abs(np.linalg.det(basis)) < 0.05 * len(source):  # nearly on a line
+            continue
+        affine = np.linalg.solve(basis, target[triple])
+        inside = int((np.abs(sample[0] @ affine - sample[1]).max(axis=1) < GROSS_PX).sum())
+        if inside > most:
+            best, most = affine, inside
+    if best is None or most < 0.5 * len(sample[0]):
+        return None
+    weight = (np.abs(full @ best - target).max(axis=1) < GROSS_PX).astype(np.float64)
+    H = fit_homography(source, target, weight)
+    for _ in range(4):
+        error = np.linalg.norm(map_homography(H, source) - target, axis=1)
+        scale = max(1.4826 * float(np.median(error[weight > 0])), 0.05)
+        weight = np.clip(1 - (error / (4 * scale)) ** 2, 0, None) ** 2
+        H = fit_homography(source, target, weight)
+    return H
+
+
+def _plane(decoded: Decoded, corners: Floats, inner_corners: tuple[int, int]) -> Floats:
+    hull = _outline(corners, inner_corners)
+    H, W = decoded.column.shape
+    c0, r0 = np.maximum(np.floor(hull.min(axis=0)).astype(int), 0)
+    c1, r1 = np.minimum(np.ceil(hull.max(axis=0)).astype(int) + 1, [W, H])
+    rows, columns = np.mgrid[r0:r1, c0:c1]
+    source = np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(np.float64)
+    target = np.stack([decoded.column[r0:r1, c0:c1], decoded.row[r0:r1, c0:c1]], axis=-1).reshape(-1, 2)
+    keep = np.isfinite(target).all(axis=1) & _inside(source, hull)
+    source, target = source[keep], target[keep].astype(np.float64)
+    if len(source) < 500:
+        return np.full(corners.shape, np.nan)
+    # Start: the median decoded position near each corner is immune to gross errors.
+    anchors, seen = _medians(decoded, corners, corner_spacing_px(corners, inner_corners))
+    if len(anchors) < 0.5 * len(corners):
+        return np.full(corners.shape, np.nan)
+    plane = fit_homography(anchors, seen)
+    centre, scale = corners.mean(axis=0), np.abs(corners - corners.mean(axis=0)).max()
+    design, at_corners = _cubic((source - centre) / scale), _cubic((corners - centre) / scale)
+    residual = target - map_homography(plane, source)
+    coefficients = np.zeros((len(CUBIC), 2))
+    coefficients[0] = np.median(residual, axis=0)
+    for turn in range(8):
+        error = np.abs(residual - design @ coefficients).max(axis=1)
+        spread = max(1.4826 * float(np.median(error)), 0.05)
+        weight = np.clip(1 - (error / (4 * spread + (8 - turn) * 0.5)) ** 2, 0, None) ** 2
+        weighted = design * weight[:, None]
+        coefficients = np.linalg.solve(weighted.T @ design, weighted.T @ residual)
+    return map_homography(plane, corners) + at_corners @ coefficients
+
+
+def _cubic(points: Floats) -> Floats:
+    return np.stack([points[:, 0] ** i * points[:, 1] ** j for i, j in CUBIC], axis=1)
+
+
+def _medians(decoded: Decoded, corners: Floats, spacing: float) -> tuple[Floats, Floats]:
+    half = max(3, round(0.2 * spacing))
+    where, seen = [], []
+    for u, v in corners:
+        c, r = round(u), round(v)
+        window = slice(max(r - half, 0), r + half + 1), slice(max(c - half, 0), c + half + 1)
+        both = np.stack([decoded.column[window], decoded.row[window]], axis=-1).reshape(-1, 2)
+        both = both[np.isfinite(both).all(axis=1)]
+        if len(both) >= 10:
+            where.append((u, v))
+            seen.append(np.median(both, axis=0))
+    return np.array(where, dtype=np.float64), np.array(seen, dtype=np.float64)
+
+
+def _outline(corners: Floats, inner_corners: tuple[int, int]) -> Floats:
+    """Give the four outer corners of the lattice, moved outwards by 0.6 of a square."""
+    columns, rows = inner_corners
+    lattice = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2).astype(np.float64)
+    H = fit_homography(lattice, corners)
+    a, b, c, d = -0.6, columns - 0.4, -0.6, rows - 0.4
+    return map_homography(H, np.array([[a, c], [b, c], [b, d], [a, d]]))
+
+
+def _inside(points: Floats, quadrangle: Floats) -> npt.NDArray[np.bool_]:
+    """Whether points (n, 2) lie inside a convex quadrangle (4, 2) of either sense."""
+    p, q = quadrangle, np.roll(quadrangle, -1, axis=0)
+    side = (q - p)[:, 0] * (points[:, None, 1] - p[:, 1]) - (q - p)[:, 1] * (points[:, None, 0] - p[:, 0])
+    left = (side > 0).sum(axis=1)
+    result: npt.NDArray[np.bool_] = (left == 0) | (left == 4)
+    return result

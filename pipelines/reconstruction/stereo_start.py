@@ -1,0 +1,268 @@
+"""From corners to a calibration: first guesses, mirror hypotheses, outliers, site frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from .board import Board
+from .bundle import LENS, Corners, Solution, adjust, adjust_lens, lens_residuals
+from .pinhole import Floats, finite, fit_homography, plane_pose, rotation, rotation_vector
+from .rig_model import Calibration, Lens, PoseResidual
+
+__all__ = ["PoseCorners", "solve"]
+
+KEEP = 0.95  # at least this share of all corners stays in
+MIRROR_GAIN = 2.0  # a mirror is believed only if it makes the rms this many times smaller
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseCorners:
+    """One pose: corners on the board (n, 2) mm, in the camera (n, 2) px, on the projector (n, 2) px with NaN."""
+
+    name: str
+    board: Floats
+    camera: Floats
+    projector: Floats
+
+
+def solve(
+    poses: Sequence[PoseCorners],
+    camera_size: tuple[int, int],
+    projector_size: tuple[int, int],
+    board: Board,
+    reference: int,
+    software: str,
+    mirrored: str = "auto",
+) -> Calibration:
+    """Calibrate from corners; parameters as in `calibrate_decoded`."""
+    corners = _flat(poses)
+    sizes = (camera_size, projector_size)
+    camera = _start_lens(corners, corners.camera, camera_size, (0.5,), 0.05)
+    projector = _start_lens(corners, corners.projector, projector_size, (0.5, 0.0, 1.0), 0.5)
+    hypotheses = {"none": (False, False), "camera": (True, False), "projector": (False, True)}
+    tried = ["none", "camera"] if mirrored == "auto" else [mirrored]
+    best: Solution | None = None
+    best_rms = np.inf
+    for name in tried:
+        seen = _mirror(camera) if hypotheses[name][0] else camera
+        lit = _mirror(projector) if hypotheses[name][1] else projector
+        candidate = adjust(corners, _join(seen, lit, corners), sizes, (0.2, 0.3))
+        rms = _rms(candidate, corners, corners.use)[2]
+        if best is None or rms * MIRROR_GAIN < best_rms:
+            best, best_rms = candidate, rms
+    assert best is not None
+    corners, best = _refine(corners, best, sizes)
+    return _calibration(poses, corners, best, sizes, board, reference, software)
+
+
+def _flat(poses: Sequence[PoseCorners]) -> Corners:
+    lit = np.concatenate([pose.projector for pose in poses])
+    return Corners(
+        pose=np.concatenate([np.full(len(pose.board), n) for n, pose in enumerate(poses)]),
+        board=np.concatenate([pose.board - pose.board.mean(axis=0) for pose in poses]),
+        camera=np.concatenate([pose.camera for pose in poses]),
+        projector=lit,
+        use=finite(lit),
+    )
+
+
+OneLens = tuple[Floats, Floats]  # lens (8,), poses (pose, 6)
+
+
+def _start_lens(
+    corners: Corners, image: Floats, size: tuple[int, int], shifts: tuple[float, ...], loose: float
+) -> OneLens:
+    """Calibrate one device on its own, from several first guesses; gives lens and poses."""
+    use = corners.use
+    homographies = [
+        fit_homography(corners.board[use & (corners.pose == n)], image[use & (corners.pose == n)])
+        for n in range(int(corners.pose.max()) + 1)
+    ]
+    best: OneLens | None = None
+    best_rms = np.inf
+    for shift in shifts:
+        centre = np.array([(size[0] - 1) / 2, shift * (size[1] - 1)])
+        for focal in _focal_guesses(homographies, centre, size):
+            K = np.array([[focal[0], 0, centre[0]], [0, focal[1], centre[1]], [0, 0, 1.0]])
+            six = []
+            for H in homographies:
+                R, t = plane_pose(K, H)
+                six.append(np.concatenate([rotation_vector(R), t]))
+            lens = np.array([*focal, *centre, 0.0, 0.0, 0.0, 0.0])
+            lens, fitted, rms = adjust_lens(
+                corners.pose[use], corners.board[use], image[use], lens, np.array(six), size, shift=loose
+            )
+            if lens[0] > 0 and lens[1] > 0 and (fitted[:, 5] > 0).all() and rms < 0.98 * best_rms:
+                best, best_rms = (lens, fitted), rms
+    if best is None:
+        raise ValueError("no lens explains the corners: are the poses tilted, and the corners those of the board?")
+    return best
+
+
+def _focal_guesses(homographies: Sequence[Floats], centre: Floats, size: tuple[int, int]) -> list[tuple[float, float]]:
+    """Zhang's closed form for fx and fy with a known principal point, or common lenses where it has no answer."""
+    rows, rhs = [], []
+    shift = np.array([[1, 0, -centre[0]], [0, 1, -centre[1]], [0, 0, 1.0]])
+    for H in homographies:
+        a, b = (shift @ H)[:, 0], (shift @ H)[:, 1]
+        scale = np.linalg.norm(a[:2]) * np.linalg.norm(b[:2])
+        rows += [
+            np.array([a[0] * b[0], a[1] * b[1]]) / scale,
+            np.array([a[0] ** 2 - b[0] ** 2, a[1] ** 2 - b[1] ** 2]) / scale,
+        ]
+        rhs += [-a[2] * b[2] / scale, -(a[2] ** 2 - b[2] ** 2) / scale]
+    inverse = np.linalg.lstsq(np.array(rows), np.array(rhs), rcond=None)[0]
+    if (inverse > 0).all():
+        fx, fy = 1 / np.sqrt(inverse)
+        if 0.2 < fx / size[0] < 50 and 0.2 < fy / size[1] < 50:
+            return [(float(fx), float(fy))]
+    return [(f * size[0], f * size[0] * r) for f in (1.5, 5.0, 15.0) for r in (1.0, 2.0, 0.5)]
+
+
+def _mirror(one: OneLens) -> OneLens:
+    """The same picture by a mirrored lens: x of the device's frame turns round, and each board's normal with it."""
+    lens, poses = one[0].copy(), one[1].copy()
+    lens[0] = -lens[0]
+    lens[7] = -lens[7]
+    flip = np.diag([-1.0, 1.0, 1.0])
+    for pose in poses:
+        pose[:3] = rotation_vector(flip @ rotation(pose[:3]) @ np.diag([1.0, 1.0, -1.0]))
+        pose[3] = -pose[3]
+    return lens, poses
+
+
+def _join(camera: OneLens, projector: OneLens, corners: Corners) -> Solution:
+    """Find the pose between the devices that most boards agree on.
+
+    A plane seen through a long lens has two poses, tilted to either side, that look nearly alike: both are tried.
+    """
+    seen = [_both_tilts(pose) for pose in camera[1]]
+    lit = [_both_tilts(pose) for pose in projector[1]]
+    count = len(seen)
+    best_cost, best = np.inf, None
+    for n in range(count):
+        for a in seen[n]:
+            for b in lit[n]:
+                R = b[0] @ a[0].T
+                t = b[1] - R @ a[1]
+                cost, chosen = 0.0, []
+                for m in range(count):
+                    options = []
+                    for c in seen[m]:
+                        for d in lit[m]:
+                            turn = np.arccos(np.clip((np.trace(R @ c[0] @ d[0].T) - 1) / 2, -1, 1))
+                            off = np.linalg.norm(R @ c[1] + t - d[1]) / np.linalg.norm(d[1])
+                            options.append((turn + off, c))
+                    least = min(options, key=lambda option: option[0])
+                    cost += min(least[0], 0.5)
+                    chosen.append(least[1])
+                if cost < best_cost:
+                    best_cost, best = cost, (R, t, chosen)
+    assert best is not None
+    R, t, chosen = best
+    return Solution(
+        camera[0],
+        projector[0],
+        rotation_vector(R),
+        t,
+        np.array([rotation_vector(pose[0]) for pose in chosen]),
+        np.array([pose[1] for pose in chosen]),
+    )
+
+
+def _both_tilts(pose: Floats) -> list[tuple[Floats, Floats]]:
+    R, t = rotation(pose[:3]), pose[3:]
+    axis = t / np.linalg.norm(t)  # mirror the normal about the line of sight
+    normal = R[:, 2]
+    other = 2 * (normal @ axis) * axis - normal
+    twist = np.cross(normal, other)
+    sine, cosine = np.linalg.norm(twist), float(normal @ other)
+    if sine < 1e-9:
+        return [(R, t)]
+    return [(R, t), (rotation(twist / sine * np.arctan2(sine, cosine)) @ R, t)]
+
+
+def _refine(
+    corners: Corners, solution: Solution, sizes: tuple[tuple[int, int], tuple[int, int]]
+) -> tuple[Corners, Solution]:
+    """Reject outlying corners and adjust again, each device weighted by the noise that it shows."""
+    found = finite(corners.projector)
+    most = int((1 - KEEP) * len(found))  # corners that were not decoded count as lost already
+    for _ in range(4):
+        seen, lit = (np.linalg.norm(error, axis=1) for error in lens_residuals(solution, corners))
+        # The length of a two-dimensional normal error has the median 1.177 sigma.
+        noise = [max(float(np.median(error[found])) / 1.177, 0.01) for error in (seen, lit)]
+        noise = [max(value, 0.25 * max(noise)) for value in noise]
+        worst = np.maximum(seen / noise[0], lit / noise[1])
+        worst[~found] = np.inf
+        use = worst < 4.5
+        lost = np.flatnonzero(~use)
+        if len(lost) > most:  # never throw away more than 5 %: then the worst ones go
+            lost = lost[np.argsort(worst[lost])][len(lost) - most :] if most else lost[:0]
+            use = np.ones_like(use)
+            use[lost] = False
+            use &= found
+        corners = replace(corners, use=use)
+        solution = adjust(corners, solution, sizes, (noise[0], noise[1]))
+    return corners, solution
+
+
+def _rms(solution: Solution, corners: Corners, use: np.ndarray) -> tuple[float, float, float]:
+    """Root mean square distances in px as OpenCV defines them: camera, projector, stereo."""
+    seen, lit = lens_residuals(solution, corners)
+    a = float(np.sqrt((seen[use] ** 2).sum(axis=1).mean()))
+    b = float(np.sqrt((lit[use] ** 2).sum(axis=1).mean()))
+    return a, b, float(np.sqrt((a * a + b * b) / 2))
+
+
+def _calibration(
+    poses: Sequence[PoseCorners],
+    corners: Corners,
+    solution: Solution,
+    sizes: tuple[tuple[int, int], tuple[int, int]],
+    board: Board,
+    reference: int,
+    software: str,
+) -> Calibration:
+    residuals = []
+    for n, pose in enumerate(poses):
+        mine = corners.pose == n
+        rms = _rms(solution, corners, corners.use & mine) if (corners.use & mine).any() else (np.nan,) * 3
+        residuals.append(PoseResidual(pose.name, rms[0], rms[1], int((corners.use & mine).sum()), int(mine.sum())))
+    total = _rms(solution, corners, corners.use)
+    mirrored = solution.camera[0] < 0
+    return Calibration(
+        camera=_lens(solution.camera, sizes[0]),
+        projector=_lens(solution.projector, sizes[1]),
+        R=rotation(solution.turn),
+        t_mm=solution.shift,
+        reference=site_frame(
+            rotation(solution.pose_turns[reference])[:, 2], solution.pose_shifts[reference], bool(mirrored)
+        ),
+        rms_px={"camera": total[0], "projector": total[1], "stereo": total[2]},
+        poses=tuple(residuals),
+        board={"inner_corners": list(board.inner_corners), "square_mm": board.square_mm},
+        software=software,
+    )
+
+
+def _lens(numbers: Floats, size: tuple[int, int]) -> Lens:
+    fx, fy, cx, cy, k1, k2, p1, p2 = (float(value) for value in numbers[:LENS])
+    return Lens(size, np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]]), np.array([k1, k2, p1, p2, 0.0]))
+
+
+def site_frame(normal: Floats, point: Floats, mirrored: bool) -> Floats:
+    """Camera frame to site frame (3, 4): z along the plane's normal towards the camera, x along the image's +x.
+
+    The origin is where the camera's axis meets the plane through `point` with `normal` (camera frame, mm).
+    """
+    z = -normal if normal[2] > 0 else normal
+    origin = np.array([0.0, 0.0, float(point @ z) / float(z[2])])
+    along = np.array([-1.0 if mirrored else 1.0, 0.0, 0.0])
+    x = along - (along @ z) * z
+    x /= np.linalg.norm(x)
+    R = np.stack([x, np.cross(z, x), z])
+    return np.concatenate([R, (-R @ origin)[:, None]], axis=1)
