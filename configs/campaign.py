@@ -29,6 +29,7 @@ __all__ = [
     "CalibrationSource",
     "Campaign",
     "GridSettings",
+    "Reconstruct",
     "Register",
     "Retain",
     "RigSettings",
@@ -190,6 +191,14 @@ class GridSettings(_Settings):
     )
 
 
+class Reconstruct(_Settings):
+    """How captures become height maps."""
+
+    remove_background: bool = Field(
+        default=True, strict=True, description="Remove what stands well apart behind the object (K-means)."
+    )
+
+
 class Register(_Settings):
     """What holds still."""
 
@@ -243,6 +252,7 @@ class Campaign(_Settings):
     )
     calibration: CalibrationSource
     grid: GridSettings = GridSettings()
+    reconstruct: Reconstruct = Reconstruct()
     register_: Register = Field(default=Register(), alias="register")
     region_mm: Polygon | None = Field(
         default=None, description="Polygon of (x, y) in the site frame whose cells count in the metrics."

@@ -2,79 +2,146 @@
 
 from __future__ import annotations
 
+import difflib
+import inspect
 import os
 import sys
-from typing import Annotated
+from collections.abc import Callable, Sequence
+from importlib import import_module
+from typing import Any
 
-from cyclopts import App, CycloptsError, Parameter
+from cyclopts import App, CycloptsError
+from cyclopts.exceptions import MissingArgumentError, UnusedCliTokensError
 
-from configs import MicroreliefError
+from configs import ConfigError, MicroreliefError
 
 from . import __version__
+from .system_libraries import missing_library
 
-__all__ = ["app", "main"]
+__all__ = ["COMMANDS", "main", "run_tokens"]
 
-COMMANDS: dict[str, str] = {
-    "patterns": "monitor.commands.patterns:patterns",
-    "calibrate": "monitor.commands.calibrate:calibrate",
-    "reconstruct": "monitor.commands.reconstruct:reconstruct",
-    "demo": "monitor.commands.demo:demo",
-    "init": "monitor.commands.init:init",
-    "doctor": "monitor.commands.doctor:doctor",
-    "run": "monitor.commands.run:run",
-    "scan": "monitor.commands.run:scan",
-    "video": "monitor.commands.video:video",
-    "status": "monitor.commands.status:status",
-    "schema": "monitor.commands.schema:schema",
-    "review": "monitor.commands.review:review",
-    "report": "monitor.commands.report:report",
+COMMANDS: dict[str, tuple[str, str]] = {
+    "demo": ("demo:demo", "The whole job on a simulated rig, no questions asked."),
+    "init": ("init:init", "Write a commented campaign to start from."),
+    "doctor": ("doctor:doctor", "Say what is wrong with this machine or a campaign, and how to mend it."),
+    "patterns": ("patterns:patterns", "Write the images to project."),
+    "calibrate": ("calibrate:calibrate", "Calibrate a rig from captures of a board."),
+    "reconstruct": ("reconstruct:reconstruct", "Turn one capture into a height map."),
+    "run": ("run:run", "Monitor on a schedule; survives restarts."),
+    "scan": ("run:scan", "Take one scan now."),
+    "video": ("video:video", "Record continuous 3D video."),
+    "status": ("status:status", "Say how a campaign stands: last, next, missed, alarms."),
+    "review": ("review:review", "Look through a store on the Rerun timeline."),
+    "report": ("report:report", "Write a trend report."),
+    "schema": ("schema:schema", "Write the JSON schema of campaign files, for editors."),
 }
-"""Every command and where it lives: ``module:function``, imported only when that command is called."""
+"""Every command: the function in `monitor.commands` that it calls, imported only then, and what it does."""
 
-app = App(
-    name="microrelief",
-    help="Watch a surface in 3D for seconds, months or years.",
-    version=__version__,
-    result_action="return_value",
-)
-for _name, _where in COMMANDS.items():
-    app.command(_where, name=_name)
-
-
-@app.meta.default
-def _launch(
-    *tokens: Annotated[str, Parameter(show=False, allow_leading_hyphen=True)], debug: bool = False
-) -> int | None:
-    """Run one command.
-
-    Parameters
-    ----------
-    debug
-        Show the traceback of an error.
-    """
-    try:
-        result = app(tokens, exit_on_error=False, print_error=True)
-    except MicroreliefError as error:
-        if debug:
-            raise
-        print(f"microrelief: {error}", file=sys.stderr)
-        return error.exit_code
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader (head, less) has gone: be quiet
-        return 0
-    return result if isinstance(result, int) else 0
+ABOUT = "Watch a surface in 3D for seconds, months or years."
+EPILOGUE = "`microrelief COMMAND --help` tells more, with an example. `--debug` shows the traceback of an error."
 
 
 def main() -> None:
     """Entry point of the console script; leaves with the exit code of DESIGN section 5."""
+    tokens = sys.argv[1:]
+    debug = "--debug" in tokens
     try:
-        code = app.meta(exit_on_error=False, print_error=True, result_action="return_value")
-    except CycloptsError:
-        code = 2
+        code = run_tokens([word for word in tokens if word != "--debug"], debug=debug)
+        sys.stdout.flush()
     except KeyboardInterrupt:
         print("stopped", file=sys.stderr)
         code = 130
-    sys.exit(code if isinstance(code, int) else 0)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the reader (head, less) has gone: be quiet
+        code = 0
+    sys.exit(code)
+
+
+def run_tokens(tokens: Sequence[str], *, debug: bool = False) -> int:
+    """Run one command line.
+
+    Parameters
+    ----------
+    tokens : sequence of str
+        The words after ``microrelief``.
+    debug : bool
+        Let errors pass, for their traceback.
+
+    Returns
+    -------
+    int
+        The exit code.
+    """
+    try:
+        app = _app_for(tokens)
+        result = app(list(tokens), exit_on_error=False, print_error=False)
+    except (CycloptsError, ConfigError, MicroreliefError, ImportError) as error:
+        if debug:
+            raise
+        message, code = _explain(error, tokens)
+        print(message, file=sys.stderr)
+        return code
+    return result if isinstance(result, int) else 0
+
+
+def _app_for(tokens: Sequence[str]) -> App:
+    """Build the app that these words need: with one command loaded, or with all of them as a table."""
+    name = tokens[0] if tokens else ""
+    if name and not name.startswith("-") and name not in COMMANDS:
+        near = difflib.get_close_matches(name, COMMANDS, n=1)
+        hint = f", did you mean {near[0]!r}?" if near else "; `microrelief --help` lists them"
+        raise UsageError(f"no command {name!r}{hint}")
+    app = App(name="microrelief", help=ABOUT, help_epilogue=EPILOGUE, version=__version__, result_action="return_value")
+    if name in COMMANDS:
+        command = load_command(name)
+        app.command(command, name=name, help_epilogue=_example(command))
+    else:
+        for position, (each, (where, about)) in enumerate(COMMANDS.items()):
+            app.command(f"{__package__}.commands.{where}", name=each, help=about, sort_key=position)
+    return app
+
+
+def load_command(name: str) -> Callable[..., Any]:
+    """Import the function of a command."""
+    module, _, function = COMMANDS[name][0].partition(":")
+    command: Callable[..., Any] = getattr(import_module(f"{__package__}.commands.{module}"), function)
+    return command
+
+
+class UsageError(MicroreliefError):
+    """The command line itself is wrong."""
+
+    exit_code = 2
+
+
+def _example(command: Callable[..., Any]) -> str:
+    """Take the example out of a command's docstring: cyclopts shows the other sections only."""
+    lines = (inspect.getdoc(command) or "").splitlines()
+    for index, line in enumerate(lines[:-1]):
+        if line.strip() in ("Example", "Examples") and set(lines[index + 1].strip()) == {"-"}:
+            body = inspect.cleandoc("\n".join(lines[index + 2 :])).replace("::\n", ":\n")
+            return f"Example\n\n```text\n{body}\n```"
+    return ""
+
+
+def _explain(error: Exception, tokens: Sequence[str]) -> tuple[str, int]:
+    """Give the line that a person reads, and the exit code."""
+    if isinstance(error, ConfigError):
+        return str(error), error.exit_code  # each line begins with FILE:LINE:COLUMN, which editors and terminals open
+    if isinstance(error, MicroreliefError):
+        return f"microrelief: {error}", error.exit_code
+    if isinstance(error, ImportError):
+        return f"microrelief: {missing_library(error)}", 1
+    command = tokens[0] if tokens and tokens[0] in COMMANDS else ""
+    if isinstance(error, UnusedCliTokensError):
+        text = f"too many arguments: {' '.join(error.unused_tokens or ())}"
+    elif isinstance(error, MissingArgumentError) and error.argument is not None and error.argument.token_count():
+        text = f"{error.argument.name.removeprefix('--').upper()} is missing" if not tokens[1:] else str(error)
+    elif command:
+        text = str(error)
+    else:
+        text = f"unknown option {tokens[0]}"
+    return f"microrelief: {text.rstrip('.')}; see `microrelief {command + ' ' if command else ''}--help`", 2
 
 
 if __name__ == "__main__":

@@ -43,6 +43,8 @@ class Recipe:
         Cells that hold still; cells that count.
     metrics : tuple of str
     alarms : tuple of Alarm
+    remove_background : bool
+        Remove what stands well apart behind the object.
     keep_frames : bool
     """
 
@@ -53,6 +55,7 @@ class Recipe:
     region: npt.NDArray[np.bool_] | None = None
     metrics: tuple[str, ...] = ()
     alarms: tuple[Alarm, ...] = ()
+    remove_background: bool = True
     keep_frames: bool = False
 
 
@@ -86,7 +89,7 @@ def make_scan(frames: Frames, recipe: Recipe) -> Scan:
     from pipelines.reconstruction import reconstruct, to_scan
 
     points = reconstruct(frames, recipe.calibration)
-    scan = to_scan(points, recipe.calibration, recipe.grid, frames.time)
+    scan = to_scan(points, recipe.calibration, recipe.grid, frames.time, remove_background=recipe.remove_background)
     if not np.isfinite(scan.height).any():
         raise CaptureError("no cell was measured: is the projector on, and the object in the field of view?")
     return scan
@@ -100,8 +103,8 @@ def visit(frames: Frames, recipe: Recipe, epoch: Epoch | None, planned: Instant)
     frames : Frames
     recipe : Recipe
     epoch : Epoch or None
-        None before the first scan. A baseline on another grid or calibration ends its epoch: the scan becomes the
-        baseline of the next, and an event says so.
+        None before the first scan. A baseline of another calibration ends its epoch: the scan becomes the baseline
+        of the next, and the store records that as an event.
     planned : Instant
         The slot that the capture answers.
 
@@ -118,12 +121,9 @@ def visit(frames: Frames, recipe: Recipe, epoch: Epoch | None, planned: Instant)
     """
     scan = make_scan(frames, recipe)
     kept = frames if recipe.keep_frames else None
-    if epoch is None or not _comparable(scan, epoch.baseline):
-        events: tuple[Event, ...] = ()
-        if epoch is not None:
-            events = (Event(scan.time, "epoch", _why_new_epoch(scan, epoch.baseline)),)
+    if epoch is None or scan.calibration_id != epoch.baseline.calibration_id:
         alarms: dict[str, AlarmState] = {alarm.name: "ok" for alarm in recipe.alarms}
-        tick = Tick(planned, scan, alarms=alarms, events=events, calibration=recipe.calibration, frames=kept)
+        tick = Tick(planned, scan, alarms=alarms, calibration=recipe.calibration, frames=kept)
         return Yield(tick, "taken")
 
     from pipelines.change import compare, measure
@@ -162,16 +162,6 @@ def judge_alarm(alarm: Alarm, measurement: Measurement | None) -> AlarmState:
         alarm_below=alarm.alarm_below,
     )
     return judge(measurement, limits)
-
-
-def _comparable(scan: Scan, baseline: Scan) -> bool:
-    return scan.grid == baseline.grid and scan.calibration_id == baseline.calibration_id
-
-
-def _why_new_epoch(scan: Scan, baseline: Scan) -> str:
-    if scan.grid != baseline.grid:
-        return "new grid: this scan is the new baseline"
-    return f"new calibration {scan.calibration_id} after {baseline.calibration_id}: this scan is the new baseline"
 
 
 def _alarm_events(
