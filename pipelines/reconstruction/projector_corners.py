@@ -8,12 +8,13 @@ Two ways, which the calibration can choose between (docs/decisions/0003-projecto
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
-from .pinhole import fit_homography, map_homography
+from .pinhole import finite, fit_homography, map_homography
 from .pixel_maps import Decoded
 
 __all__ = ["CornerMethod", "corner_spacing_px", "projector_corners"]
@@ -22,6 +23,7 @@ CornerMethod = Literal["plane", "local"]
 Floats = npt.NDArray[np.float64]
 
 GROSS_PX = 3.0  # a decoded pixel further than this from its neighbours' homography is a decoding error
+MOST_PIXELS = 300_000  # of a board: more make the fit slower and no better
 CUBIC = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3)]
 
 
@@ -111,11 +113,13 @@ def _plane(decoded: Decoded, corners: Floats, inner_corners: tuple[int, int]) ->
     H, W = decoded.column.shape
     c0, r0 = np.maximum(np.floor(hull.min(axis=0)).astype(int), 0)
     c1, r1 = np.minimum(np.ceil(hull.max(axis=0)).astype(int) + 1, [W, H])
-    rows, columns = np.mgrid[r0:r1, c0:c1]
+    step = max(1, math.isqrt(max(r1 - r0, 0) * max(c1 - c0, 0) // MOST_PIXELS))
+    rows, columns = np.mgrid[r0:r1:step, c0:c1:step]
     source = np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(np.float64)
-    target = np.stack([decoded.column[r0:r1, c0:c1], decoded.row[r0:r1, c0:c1]], axis=-1).reshape(-1, 2)
-    keep = np.isfinite(target).all(axis=1) & _inside(source, hull)
-    source, target = source[keep], target[keep].astype(np.float64)
+    target = np.stack([decoded.column[r0:r1:step, c0:c1:step], decoded.row[r0:r1:step, c0:c1:step]], axis=-1)
+    target = target.reshape(-1, 2).astype(np.float64)
+    keep = finite(target) & _inside(source, hull)
+    source, target = source[keep], target[keep]
     if len(source) < 500:
         return np.full(corners.shape, np.nan)
     # Start: the median decoded position near each corner is immune to gross errors.

@@ -46,13 +46,17 @@ class Lens:
 
 @dataclass(frozen=True, slots=True)
 class PoseResidual:
-    """How well one board pose fits: rms in px of camera and projector, corners kept of corners found."""
+    """How well one board pose fits: rms in px of camera and projector, corners kept of corners found.
+
+    `rejected` names the corners that were left out by where they are in the camera's image, (column, row) px.
+    """
 
     name: str
     camera_px: float
     projector_px: float
     kept: int
     found: int
+    rejected: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,6 +119,7 @@ class Calibration:
                     "projector_px": pose.projector_px,
                     "kept": pose.kept,
                     "found": pose.found,
+                    "rejected": [list(corner) for corner in pose.rejected],
                 }
                 for pose in self.poses
             ],
@@ -147,7 +152,7 @@ class Calibration:
                 t_mm=np.array(data["t_mm"], dtype=np.float64),
                 reference=np.array(data["reference"], dtype=np.float64),
                 rms_px=data["rms_px"],
-                poses=tuple(PoseResidual(**pose) for pose in data.get("poses", ())),
+                poses=tuple(_pose(pose) for pose in data.get("poses", ())),
                 board=data.get("board"),
                 software=data.get("software", ""),
             )
@@ -159,6 +164,11 @@ class Calibration:
 
 def _lens_mapping(lens: Lens) -> dict[str, Any]:
     return {"size": list(lens.size), "K": lens.K.tolist(), "dist": lens.dist.tolist()}
+
+
+def _pose(data: Mapping[str, Any]) -> PoseResidual:
+    rejected = tuple((float(column), float(row)) for column, row in data.get("rejected", ()))
+    return PoseResidual(**{**data, "rejected": rejected})
 
 
 def _lens(data: Mapping[str, Any]) -> Lens:

@@ -231,7 +231,11 @@ def _calibration(
     for n, pose in enumerate(poses):
         mine = corners.pose == n
         rms = _rms(solution, corners, corners.use & mine) if (corners.use & mine).any() else (np.nan,) * 3
-        residuals.append(PoseResidual(pose.name, rms[0], rms[1], int((corners.use & mine).sum()), int(mine.sum())))
+        lost = corners.camera[mine & ~corners.use].round(1)
+        rejected = tuple((float(column), float(row)) for column, row in lost)
+        residuals.append(
+            PoseResidual(pose.name, rms[0], rms[1], int((corners.use & mine).sum()), int(mine.sum()), rejected)
+        )
     total = _rms(solution, corners, corners.use)
     mirrored = solution.camera[0] < 0
     return Calibration(
