@@ -1,0 +1,81 @@
+"""What people call each metric, how it is defined, and which metrics share a plot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from pipelines import change
+
+from .quantities import unit_text
+
+__all__ = ["Named", "TrendGroup", "name_metric", "trend_groups"]
+
+_GROUP_TITLES = {"mm3": "Volume change", "mm2": "Areas"}
+
+
+@dataclass(frozen=True, slots=True)
+class Named:
+    """A metric's words."""
+
+    name: str
+    unit: str
+    title: str
+    definition: str
+
+    @property
+    def label(self) -> str:
+        """Title with unit, for an axis."""
+        unit = unit_text(self.unit)
+        return f"{self.title} ({unit})" if unit else self.title
+
+
+@dataclass(frozen=True, slots=True)
+class TrendGroup:
+    """Metrics of one unit and alike magnitude, which one pair of axes can show."""
+
+    title: str
+    unit: str
+    metrics: tuple[Named, ...]
+
+
+def name_metric(name: str, unit: str) -> Named:
+    """Find the words of a metric; one that this version does not know keeps its own name."""
+    known = getattr(change, "METRICS", {}).get(name)
+    if known is not None:
+        return Named(name, unit, known.title, known.definition)
+    words = name.replace("_", " ")
+    return Named(name, unit, words[:1].upper() + words[1:], "")
+
+
+def trend_groups(series: pd.DataFrame, units: Mapping[str, str], alike: float = 8.0) -> tuple[TrendGroup, ...]:
+    """Group the metrics of a series that have at least one value.
+
+    Metrics share a plot where they have the same unit and their largest values differ by less than `alike` times:
+    otherwise the small one would look flat.
+    """
+    groups: list[tuple[str, float, list[Named]]] = []
+    for name, unit in units.items():
+        if name not in series:
+            continue
+        values = series[name].to_numpy(dtype=np.float64)
+        if not np.isfinite(values).any():
+            continue
+        size = float(np.nanmax(np.abs(values)))
+        for group_unit, group_size, members in groups:
+            if group_unit == unit and max(size, group_size) < alike * max(min(size, group_size), 1e-12):
+                members.append(name_metric(name, unit))
+                break
+        else:
+            groups.append((unit, size, [name_metric(name, unit)]))
+    return tuple(
+        TrendGroup(
+            members[0].title if len(members) == 1 else _GROUP_TITLES.get(unit, " and ".join(m.title for m in members)),
+            unit,
+            tuple(members),
+        )
+        for unit, _, members in groups
+    )

@@ -1,0 +1,95 @@
+"""Colours that mean something: one diverging scale for change, one sequential for height, one per alarm state.
+
+The diverging scale is ColorBrewer's RdBu and the sequential one follows viridis: both keep their order for
+colour-blind readers and in grey print. States take the Okabe-Ito colours.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from pipelines import AlarmState
+
+__all__ = [
+    "BELOW_DETECTION",
+    "CHANGE_SCALE",
+    "HEIGHT_SCALE",
+    "NOT_MEASURED",
+    "SERIES",
+    "STATE_COLOURS",
+    "VISIT_COLOURS",
+    "colour_table",
+    "hex_colour",
+]
+
+Rgb = tuple[int, int, int]
+
+NOT_MEASURED: Rgb = (138, 141, 145)
+"""Neutral grey of a cell without a value, darker than anything a scale's middle shows."""
+
+BELOW_DETECTION: Rgb = (240, 239, 235)
+"""Cells whose change is smaller than their level of detection: the scale's own middle."""
+
+CHANGE_SCALE: tuple[Rgb, ...] = (
+    (103, 0, 31),
+    (178, 24, 43),
+    (214, 96, 77),
+    (244, 165, 130),
+    (250, 213, 194),
+    BELOW_DETECTION,
+    (205, 226, 239),
+    (146, 197, 222),
+    (67, 147, 195),
+    (33, 102, 172),
+    (5, 48, 97),
+)
+"""Red is lost, blue is gained."""
+
+HEIGHT_SCALE: tuple[Rgb, ...] = (
+    (68, 1, 84),
+    (71, 44, 122),
+    (59, 81, 139),
+    (44, 113, 142),
+    (33, 144, 141),
+    (39, 173, 129),
+    (92, 200, 99),
+    (170, 220, 50),
+    (253, 231, 37),
+)
+"""Dark is low, yellow is high."""
+
+STATE_COLOURS: dict[AlarmState, Rgb] = {
+    "ok": (0, 158, 115),
+    "warning": (230, 159, 0),
+    "alarm": (213, 94, 0),
+    "no data": (138, 141, 145),
+}
+
+VISIT_COLOURS: dict[str, Rgb] = {
+    "taken": (0, 114, 178),
+    "missed": (230, 159, 0),
+    "rejected": (204, 121, 167),
+    "failed": (213, 94, 0),
+}
+
+SERIES: tuple[Rgb, ...] = ((86, 180, 233), (230, 159, 0), (0, 158, 115), (204, 121, 167), (213, 94, 0), (240, 228, 66))
+"""Lines that share one plot, in this order."""
+
+
+@lru_cache(maxsize=8)
+def colour_table(scale: tuple[Rgb, ...], steps: int = 255) -> npt.NDArray[np.uint8]:
+    """Interpolate a scale to `steps` colours, shape (steps, 3)."""
+    anchors = np.array(scale, dtype=np.float64)
+    at = np.linspace(0, len(scale) - 1, steps)
+    channels = [np.interp(at, np.arange(len(scale)), anchors[:, channel]) for channel in range(3)]
+    table = np.rint(np.stack(channels, axis=1)).astype(np.uint8)
+    table.flags.writeable = False
+    return table
+
+
+def hex_colour(colour: Rgb) -> str:
+    """Write a colour as ``#rrggbb``."""
+    return "#{:02x}{:02x}{:02x}".format(*colour)

@@ -1,0 +1,116 @@
+"""Arrays of cells to pictures: shrunk, coloured, north up, as PNG."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from .palette import CHANGE_SCALE, HEIGHT_SCALE, NOT_MEASURED, Rgb, colour_table
+
+__all__ = ["Range", "block_mean", "change_png", "height_png", "round_limit", "shrink_factor", "texture_png", "tone"]
+
+_HOLE = 255
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """What the two ends of a colour scale mean, mm."""
+
+    low: float
+    high: float
+
+
+def shrink_factor(rows: int, columns: int, most: int) -> int:
+    """Side of the square blocks that leave at most `most` cells."""
+    factor = 1
+    while -(-rows // factor) * -(-columns // factor) > most:
+        factor += 1
+    return factor
+
+
+def block_mean(cells: npt.NDArray[np.float32], factor: int) -> npt.NDArray[np.float32]:
+    """Average square blocks, NaN aside; a block with fewer than half of its cells measured is NaN.
+
+    Parameters
+    ----------
+    cells : ndarray of float32, shape (rows, columns)
+        NaN where not measured.
+    factor : int
+        Side of a block; rows and columns are padded with NaN to whole blocks.
+
+    Returns
+    -------
+    ndarray of float32, shape (ceil(rows / factor), ceil(columns / factor))
+    """
+    if factor == 1:
+        return cells
+    rows, columns = (-(-side // factor) * factor for side in cells.shape)
+    padded = np.pad(cells, ((0, rows - cells.shape[0]), (0, columns - cells.shape[1])), constant_values=np.nan)
+    blocks = padded.reshape(rows // factor, factor, columns // factor, factor)
+    measured = np.isfinite(blocks)
+    count = measured.sum(axis=(1, 3))
+    total = np.where(measured, blocks, 0).sum(axis=(1, 3), dtype=np.float32)
+    enough = 2 * count >= factor * factor
+    return np.where(enough, total / np.maximum(count, 1), np.nan).astype(np.float32)
+
+
+def tone(cells: npt.NDArray[np.float32], span: Range) -> npt.NDArray[np.uint8]:
+    """Place each cell on a scale of 255 steps; 255 itself marks a cell without a value."""
+    width = max(span.high - span.low, 1e-12)
+    steps = np.clip((cells - span.low) * np.float32(254 / width) + np.float32(0.5), 0, 254)
+    return np.where(np.isfinite(steps), steps, _HOLE).astype(np.uint8)
+
+
+def height_png(height: npt.NDArray[np.float32], span: Range, most: int = 1_000_000) -> bytes:
+    """Draw a height map, largest y on top, cells that were not measured in grey."""
+    factor = shrink_factor(height.shape[0], height.shape[1], most)
+    return _indexed_png(tone(block_mean(height, factor), span), HEIGHT_SCALE)
+
+
+def change_png(
+    dz: npt.NDArray[np.float32], lod: npt.NDArray[np.float32], limit_mm: float, most: int = 1_000_000
+) -> bytes:
+    """Draw a change map from -`limit_mm` to `limit_mm`; below the level of detection it takes the scale's middle.
+
+    Red is lost, blue is gained, grey was not measured in one of the two scans.
+    """
+    factor = shrink_factor(dz.shape[0], dz.shape[1], most)
+    # Masked before shrinking: a mean of insignificant cells would look like a significant small change.
+    shown = np.where((np.abs(dz) > lod) | ~np.isfinite(dz), dz, np.float32(0)).astype(np.float32)
+    return _indexed_png(tone(block_mean(shown, factor), Range(-limit_mm, limit_mm)), CHANGE_SCALE)
+
+
+def texture_png(texture: npt.NDArray[np.uint8], most: int = 1_000_000) -> bytes:
+    """Draw the camera's picture in grey, largest y on top."""
+    from PIL import Image
+
+    factor = shrink_factor(texture.shape[0], texture.shape[1], most)
+    return _png(Image.fromarray(np.ascontiguousarray(np.flipud(texture[::factor, ::factor]))))
+
+
+def round_limit(value: float) -> float:
+    """Round up to the next 1, 1.5, 2, 3, 5 or 7 times a power of ten: the ends of a readable scale."""
+    if not (np.isfinite(value) and value > 0):
+        return 0.001
+    power = 10.0 ** np.floor(np.log10(value))
+    for step in (1, 1.5, 2, 3, 5, 7, 10):
+        if value <= step * power * (1 + 1e-9):
+            return float(step * power)
+    return float(10 * power)
+
+
+def _indexed_png(steps: npt.NDArray[np.uint8], scale: tuple[Rgb, ...]) -> bytes:
+    from PIL import Image
+
+    picture = Image.fromarray(np.flipud(steps))
+    picture.putpalette(colour_table(scale).tobytes() + bytes(NOT_MEASURED))
+    return _png(picture)
+
+
+def _png(picture: object) -> bytes:
+    file = io.BytesIO()
+    picture.save(file, format="PNG", compress_level=4)  # type: ignore[attr-defined] # Pillow is imported lazily
+    return file.getvalue()

@@ -1,0 +1,163 @@
+"""The Rerun viewer as a program: a window on this screen, or a page served to this machine alone."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from configs import InputError, MicroreliefError
+
+__all__ = ["NO_SCREEN", "check_ports", "has_screen", "open_viewer", "serve_web", "viewer_program"]
+
+LOCAL = "127.0.0.1"
+NO_SCREEN = (
+    "no screen here to open a window on: add --web to open the review in a browser, "
+    "or --save FILE.rrd to look at it on another machine"
+)
+_START_S = 20.0
+
+
+def viewer_program() -> Path:
+    """Find the viewer that came with rerun-sdk.
+
+    The ``rerun`` script is a wrapper: ending it leaves the viewer running, so we start the program itself.
+
+    Raises
+    ------
+    MicroreliefError
+        If it is not installed.
+    """
+    import rerun_cli  # type: ignore[import-untyped]  # ships no types
+
+    folder = Path(next(iter(rerun_cli.__path__)))
+    names = {"darwin": ("Rerun.app/Contents/MacOS/Rerun", "rerun"), "win32": ("rerun.exe",)}.get(
+        sys.platform, ("rerun",)
+    )
+    for name in names:
+        if (folder / name).is_file():
+            return folder / name
+    raise MicroreliefError(f"the Rerun viewer is not in {folder}: install it again with pip install rerun-sdk")
+
+
+def has_screen() -> bool:
+    """Whether a window can be opened here."""
+    if sys.platform in ("darwin", "win32"):
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def open_viewer(rrd: Path, port: int | None = None) -> None:
+    """Show a recording in a window and return when that is closed.
+
+    Parameters
+    ----------
+    rrd : Path
+    port : int, optional
+        Where the viewer itself listens, on this machine alone; a free one without it.
+
+    Raises
+    ------
+    MicroreliefError
+        If there is no screen, the port is taken, or the viewer fails.
+    """
+    if not has_screen():
+        raise MicroreliefError(NO_SCREEN)
+    if port is not None:
+        _check_free(port)
+    command = [str(viewer_program()), str(rrd), "--bind", LOCAL, "--port", "auto" if port is None else str(port)]
+    ended = subprocess.run(command, env=_quiet(), stderr=subprocess.PIPE, text=True, check=False)
+    if ended.returncode not in (0, 130, -2):
+        raise MicroreliefError(
+            f"the Rerun viewer ended with code {ended.returncode} ({_last_line(ended.stderr)}): "
+            "add --web to open the review in a browser instead"
+        )
+
+
+@contextmanager
+def serve_web(rrd: Path, port: int = 9090) -> Iterator[tuple[str, subprocess.Popen[str]]]:
+    """Serve a recording to browsers on this machine, on 127.0.0.1 alone.
+
+    Parameters
+    ----------
+    rrd : Path
+    port : int
+        Of the page; the data come through the next one, ``port + 1``.
+
+    Yields
+    ------
+    (str, Popen)
+        The link to open, and the server, which ends with the context.
+
+    Raises
+    ------
+    InputError
+        If there is no such port.
+    MicroreliefError
+        If a port is taken or the server fails.
+    """
+    check_ports(port)
+    command = [str(viewer_program()), str(rrd), "--serve-web", "--bind", LOCAL]
+    command += ["--web-viewer-port", str(port), "--port", str(port + 1), "--server-memory-limit", "50%"]
+    server = subprocess.Popen(command, env=_quiet(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True)
+    try:
+        _wait_until_listening(server, port)
+        _wait_until_listening(server, port + 1)
+        yield f"http://{LOCAL}:{port}/?url=rerun%2Bhttp%3A%2F%2F{LOCAL}%3A{port + 1}%2Fproxy", server
+    finally:
+        server.terminate()
+        try:
+            server.wait(timeout=5)
+        except subprocess.TimeoutExpired:
+            server.kill()
+            server.wait()
+
+
+def check_ports(port: int) -> None:
+    """Refuse a port for a page, or the next one for its data, that is taken or does not exist."""
+    _check_free(port)
+    _check_free(port + 1)
+
+
+def _check_free(port: int) -> None:
+    if not 1 <= port <= 65535:
+        raise InputError(f"port {port} does not exist: choose one from 1024 to 65534")
+    with socket.socket() as probe:
+        if sys.platform != "win32":  # there this option would let two programs share a port
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((LOCAL, port))
+        except OSError as error:
+            raise MicroreliefError(
+                f"port {port} cannot be used ({error.strerror}): choose another with --port"
+            ) from None
+
+
+def _wait_until_listening(server: subprocess.Popen[str], port: int) -> None:
+    deadline = time.monotonic() + _START_S
+    while time.monotonic() < deadline:
+        if server.poll() is not None:
+            break
+        with socket.socket() as probe:
+            probe.settimeout(0.5)
+            if probe.connect_ex((LOCAL, port)) == 0:
+                return
+        time.sleep(0.05)
+    raise MicroreliefError(
+        f"the review server did not start on port {port}: choose another with --port, or --save FILE.rrd"
+    )
+
+
+def _quiet() -> dict[str, str]:
+    """The viewer's own start-up lines say nothing to the user of a review."""
+    return {"RUST_LOG": "error", **os.environ}
+
+
+def _last_line(text: str) -> str:
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    return lines[-1] if lines else "no message"

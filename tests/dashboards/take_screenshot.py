@@ -1,0 +1,156 @@
+"""Looks at a recording with the headless viewer: pictures of the window and of each view.
+
+``python -m tests.dashboards.take_screenshot STORE_OR_RRD OUT.png [--scan N]`` makes the picture in the README.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes.util
+import io
+import os
+import socket
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image
+
+from dashboards.viewer import viewer_program
+
+if TYPE_CHECKING:
+    from rerun.experimental import ViewerClient
+    from rerun.experimental._viewer_client import View
+
+PACKAGES = ("libegl1", "libgl1-mesa-dri", "libvulkan1", "mesa-vulkan-drivers")
+"""Debian packages of the software renderer that the viewer needs where there is no screen."""
+
+Picture = npt.NDArray[np.uint8]
+
+
+def missing_libraries() -> str:
+    """Say what a headless viewer lacks on this machine; empty where nothing is."""
+    vulkan = ctypes.util.find_library("vulkan")
+    drivers = [file for folder in ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d") for file in Path(folder).glob("*")]
+    if vulkan and drivers and ctypes.util.find_library("EGL"):
+        return ""
+    return f"the headless viewer needs system libraries: apt-get install {' '.join(PACKAGES)}"
+
+
+class Looker:
+    """A headless viewer that shows one recording."""
+
+    def __init__(self, client: ViewerClient, rrd: Path, patience_s: float = 60.0) -> None:
+        self._client = client
+        self._patience_s = patience_s
+        client.open(str(rrd))
+        self._wait_until_loaded()
+
+    def _wait_until_loaded(self) -> None:
+        deadline = time.monotonic() + self._patience_s
+        while time.monotonic() < deadline:
+            state = self._client.get_state()
+            if not state.loading and state.active_recording and state.views:
+                return
+            time.sleep(0.1)
+        raise TimeoutError(f"the viewer had not loaded the recording after {self._patience_s:g} s")
+
+    def show(self, *, scan: int) -> None:
+        """Move the time cursor to a scan."""
+        self._client.set_time("scan", sequence=scan, play_state="paused")
+
+    def show_end(self) -> None:
+        """Move the time cursor to the end of the timeline `time`."""
+        ends = [t.end for r in self._client.get_state().recordings for t in r.timelines if t.name == "time"]
+        last = np.datetime64(max(end for end in ends if end is not None), "ns")
+        self._client.set_time("time", timestamp=last, play_state="paused")
+
+    @property
+    def views(self) -> dict[str, View]:
+        """All views that are shown, by name."""
+        return {view.name: view for view in self._client.get_state().views if view.visible}
+
+    def complaints(self) -> list[str]:
+        """What views and viewer reported as wrong."""
+        reports = [f"{v.name}: {report.summary}" for v in self._client.get_state().views for report in v.reports]
+        logs = [entry.message for entry in self._client.get_logs() if entry.level == "ERROR"]
+        return reports + logs
+
+    def picture(self, view: str | None = None) -> Picture:
+        """Give one view, or the whole window, as (row, column, 3), once two pictures in a row agree."""
+        view_id = self.views[view].view_id if view is not None else None
+        deadline = time.monotonic() + self._patience_s
+        last = self._shot(view_id)
+        while time.monotonic() < deadline:
+            time.sleep(0.3)
+            now = self._shot(view_id)
+            if now.shape == last.shape and np.array_equal(now, last):
+                return now
+            last = now
+        raise TimeoutError(f"the view {view or 'window'} was still changing after {self._patience_s:g} s")
+
+    def _shot(self, view_id: str | None) -> Picture:
+        return np.array(Image.open(io.BytesIO(self._client.take_screenshot(view_id))).convert("RGB"))
+
+
+@contextmanager
+def looker(rrd: Path) -> Iterator[Looker]:
+    """Open a recording in a headless viewer on a free port and end the viewer afterwards."""
+    from rerun.experimental import ViewerClient
+
+    with tempfile.TemporaryDirectory() as runtime:
+        before = os.environ.get("XDG_RUNTIME_DIR")
+        os.environ["XDG_RUNTIME_DIR"] = before or runtime
+        try:
+            with ViewerClient.spawn(
+                headless=True, port=free_port(), hide_welcome_screen=True, executable_path=str(viewer_program())
+            ) as client:
+                yield Looker(client, rrd)
+        finally:
+            if before is None:
+                del os.environ["XDG_RUNTIME_DIR"]
+
+
+def free_port() -> int:
+    """Find a port on which nothing listens now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def main() -> None:
+    """Make a picture of the whole window."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("source", type=Path, help="a store or an .rrd file")
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--scan", type=int, default=None, help="scan number; the newest without it")
+    parser.add_argument("--view", default=None, help="one view by name instead of the whole window")
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        rrd: Path = given.source
+        if rrd.suffix != ".rrd":
+            from dashboards.record import record_review
+            from storage import open_store
+
+            rrd = Path(folder) / "review.rrd"
+            record_review(open_store(given.source), rrd)
+        with looker(rrd) as look:
+            if given.scan is None:
+                look.show_end()
+            else:
+                look.show(scan=given.scan)
+            given.out.parent.mkdir(parents=True, exist_ok=True)
+            Image.fromarray(look.picture(given.view)).save(given.out, optimize=True)
+            for complaint in look.complaints():
+                print("viewer:", complaint)
+    print(given.out)
+
+
+if __name__ == "__main__":
+    main()
