@@ -1,0 +1,181 @@
+"""A crack mask to its centre lines: a skeleton, cut at junctions, without spurs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+__all__ = ["CrackLines", "crack_lines"]
+
+NEIGHBOURS = ((-1, 0), (0, -1), (0, 1), (1, 0), (-1, -1), (-1, 1), (1, -1), (1, 1))
+SMOOTH_CELLS = 9
+"""Points of a line that are averaged: the stairs of the raster are gone from its length and its direction."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CrackLines:
+    """Centre lines as points in order, in cells.
+
+    Parameters
+    ----------
+    row, column : ndarray of float64, shape (n,)
+        Smoothed positions.
+    normal : ndarray of float64, shape (n, 2)
+        Unit normal (x, y) of the line at each point.
+    step : ndarray of float64, shape (n,)
+        Length of line that each point stands for; they add up to the whole length.
+    half_width : ndarray of float64, shape (n,)
+        Distance to the edge of the mask.
+    inner : ndarray of bool, shape (n,)
+        Further from the nearest junction or free end than half the width there: a width has a meaning.
+    free_ends : int
+        Ends inside the field, whose place is uncertain by about half a width.
+    end_width : float
+        Mean half width at those ends.
+    """
+
+    row: npt.NDArray[np.float64]
+    column: npt.NDArray[np.float64]
+    normal: npt.NDArray[np.float64]
+    step: npt.NDArray[np.float64]
+    half_width: npt.NDArray[np.float64]
+    inner: npt.NDArray[np.bool_]
+    free_ends: int
+    end_width: float
+
+
+Cell = tuple[int, int]
+
+
+def crack_lines(mask: npt.NDArray[np.bool_]) -> CrackLines:
+    """Skeletonize a mask (Zhang and Suen 1984) and keep its lines.
+
+    A line with a free end that is shorter than 1.5 times the crack's half width where it starts is a spur of the
+    thinning and dropped. A line that ends at the border of the grid has no free end.
+
+    Parameters
+    ----------
+    mask : ndarray of bool, shape (rows, columns)
+    """
+    from skimage.morphology import skeletonize
+
+    # the border is mirrored so that a crack leaves the field straight and not into a corner
+    pad = 8
+    skeleton = skeletonize(np.pad(mask, pad, mode="edge"))[pad:-pad, pad:-pad]
+    distance = ndimage.distance_transform_edt(np.pad(mask, 1, mode="edge"))[1:-1, 1:-1]
+    cells: set[Cell] = {(int(r), int(c)) for r, c in np.argwhere(skeleton)}
+    segments = _segments(cells)
+    while True:
+        short = [s for s in segments if _is_spur(s, cells, distance, mask.shape)]
+        if not short:
+            break
+        for segment in short:
+            cells -= set(segment[1:])
+        segments = _segments(cells)
+    return _smoothed(segments, cells, distance, mask.shape)
+
+
+def _around(cell: Cell, cells: set[Cell]) -> list[Cell]:
+    """Neighbours in the skeleton; a diagonal one only where no straight one leads there."""
+    r, c = cell
+    near = [(r + dr, c + dc) for dr, dc in NEIGHBOURS[:4] if (r + dr, c + dc) in cells]
+    for dr, dc in NEIGHBOURS[4:]:
+        if (r + dr, c + dc) in cells and (r + dr, c) not in cells and (r, c + dc) not in cells:
+            near.append((r + dr, c + dc))
+    return near
+
+
+def _segments(cells: set[Cell]) -> list[list[Cell]]:
+    """Lines between ends and junctions (both included), and closed loops."""
+    links = {cell: _around(cell, cells) for cell in cells}
+    nodes = {cell for cell, near in links.items() if len(near) != 2}
+    done: set[tuple[Cell, Cell]] = set()
+    segments = []
+    for node in sorted(nodes):
+        for first in links[node]:
+            if (node, first) in done:
+                continue
+            path = _walk(node, first, links, nodes)
+            done |= {(path[0], path[1]), (path[-1], path[-2])}
+            segments.append(path)
+    left = cells - nodes - {cell for path in segments for cell in path}
+    while left:
+        start = min(left)
+        path = _walk(start, links[start][0], links, {start})
+        segments.append(path)
+        left -= set(path)
+    return segments
+
+
+def _walk(node: Cell, first: Cell, links: dict[Cell, list[Cell]], stops: set[Cell]) -> list[Cell]:
+    path = [node, first]
+    while path[-1] not in stops:
+        ahead = [cell for cell in links[path[-1]] if cell != path[-2]]
+        if not ahead:
+            break
+        path.append(ahead[0])
+    return path
+
+
+def _at_border(cell: Cell, shape: tuple[int, ...]) -> bool:
+    return cell[0] < 2 or cell[1] < 2 or cell[0] >= shape[0] - 2 or cell[1] >= shape[1] - 2
+
+
+def _is_spur(segment: list[Cell], cells: set[Cell], distance: npt.NDArray[np.float64], shape: tuple[int, ...]) -> bool:
+    """Whether a line hangs free at one end and is shorter than the crack is wide; its node is put first."""
+    ends = [len(_around(segment[0], cells)), len(_around(segment[-1], cells))]
+    if sorted(ends)[0] != 1 or sorted(ends)[1] < 3:
+        return False
+    if ends[0] == 1:
+        segment.reverse()
+    limit = 1.5 * distance[segment[0]]
+    # where a crack meets the border its skeleton forks into the mask's two corners there
+    return bool(len(segment) - 1 < (limit if _at_border(segment[-1], shape) else limit + 1))
+
+
+def _smoothed(
+    segments: list[list[Cell]], cells: set[Cell], distance: npt.NDArray[np.float64], shape: tuple[int, ...]
+) -> CrackLines:
+    rows, columns, normals, steps, halves, inner = [], [], [], [], [], []
+    free: list[float] = []
+    for segment in segments:
+        path = np.array(segment, dtype=np.float64)
+        half = np.array([distance[cell] for cell in segment])
+        ends = [len(_around(cell, cells)) != 2 or _at_border(cell, shape) for cell in (segment[0], segment[-1])]
+        free += [
+            float(distance[cell])
+            for cell in (segment[0], segment[-1])
+            if len(_around(cell, cells)) == 1 and not _at_border(cell, shape)
+        ]
+        if len(path) > 2:
+            window = min(SMOOTH_CELLS, len(path) // 2 * 2 - 1)
+            # reflecting about the ends keeps them in place
+            padded = np.pad(path, ((window, window), (0, 0)), mode="reflect", reflect_type="odd")
+            path = ndimage.uniform_filter1d(padded, window, axis=0)[window:-window] if len(path) > window else path
+        between = np.hypot(*np.diff(path, axis=0).T)
+        if between.size == 0:
+            continue
+        along = np.concatenate([[0.0], np.cumsum(between)])
+        tangent = np.gradient(path, axis=0)
+        tangent = ndimage.uniform_filter1d(tangent, min(SMOOTH_CELLS, len(path)), axis=0, mode="nearest")
+        size = np.maximum(np.hypot(*tangent.T), 1e-9)
+        rows.append(path[:, 0])
+        columns.append(path[:, 1])
+        normals.append(np.stack([-tangent[:, 0], tangent[:, 1]], axis=1) / size[:, None])
+        steps.append(0.5 * (np.append(between, 0.0) + np.insert(between, 0, 0.0)))
+        halves.append(half)
+        far = np.ones(len(path), dtype=np.bool_)
+        for is_end, cell, gone in ((ends[0], segment[0], along), (ends[1], segment[-1], along[-1] - along)):
+            if is_end and not _at_border(cell, shape):
+                far &= gone > 1.5 * distance[cell] + 1
+        inner.append(far)
+    if not rows:
+        empty = np.zeros(0)
+        return CrackLines(empty, empty, np.zeros((0, 2)), empty, empty, np.zeros(0, dtype=np.bool_), 0, 0.0)
+    return CrackLines(
+        *(np.concatenate(rows), np.concatenate(columns), np.concatenate(normals), np.concatenate(steps)),
+        *(np.concatenate(halves), np.concatenate(inner), len(free), float(np.mean(free)) if free else 0.0),
+    )

@@ -1,0 +1,204 @@
+"""Cracks on a height map: valleys that are deep for their width, and the shadows between measured edges."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from ..scan import Scan
+
+__all__ = ["CrackRule", "crack_mask"]
+
+
+@dataclass(frozen=True, slots=True)
+class CrackRule:
+    """What counts as a crack.
+
+    Parameters
+    ----------
+    max_width_mm : float
+        Wider valleys are relief.
+    least_aspect : float
+        Depth over width that a valley must reach.
+    wall_slope : float
+        Rise over run of a wall: the crack reaches as far up as its sides are at least this steep.
+    noise : float
+        Depth and wall must exceed this many standard uncertainties of the height.
+    least_length_mm : float
+        Smaller specks are dropped.
+    least_elongation : float
+        Length over width of a part; below it is a pit or a pebble's shadow.
+    """
+
+    max_width_mm: float = 1.2
+    least_aspect: float = 0.5
+    wall_slope: float = 1.0
+    noise: float = 6.0
+    least_length_mm: float = 0.8
+    least_elongation: float = 5.0
+
+
+EIGHT = np.ones((3, 3), dtype=np.bool_)
+
+
+def crack_mask(scan: Scan, rule: CrackRule | None = None) -> npt.NDArray[np.bool_]:
+    """Mark the cells that belong to a crack.
+
+    A cell is a sure part of a crack where some window of width s (5 cells, doubling up to the greatest width)
+    finds a valley deeper than ``least_aspect * s`` and than the noise: depth is the closing by a square of side s (the
+    height that the valley's lower rim reaches) less the height. Cells not measured are a sure part where they are bounded
+    by measured ones on two opposite sides no further apart than the greatest width, and touch a valley or
+    form a long strip: a floor that the camera or the projector does not see. From there the crack grows over
+    valley cells and up its walls, as far as they are steep. Parts that are short or not elongated are dropped.
+
+    Parameters
+    ----------
+    scan : Scan
+    rule : CrackRule, optional
+
+    Returns
+    -------
+    ndarray of bool, shape (rows, columns)
+    """
+    rule = CrackRule() if rule is None else rule
+    pitch = scan.grid.pitch_mm
+    z = scan.height
+    if not np.isfinite(z).any():
+        return np.zeros(z.shape, dtype=np.bool_)
+    sigma = float(np.nanmedian(scan.sigma))
+    noise = rule.noise * sigma if np.isfinite(sigma) else 0.0
+
+    widest = round(rule.max_width_mm / pitch)
+    sure = np.zeros(z.shape, dtype=np.bool_)
+    maybe = np.zeros(z.shape, dtype=np.bool_)
+    for cells in _windows(widest):
+        depth = closing(z, cells) - z
+        enough = max(noise, rule.least_aspect * cells * pitch)
+        sure |= depth > enough
+        maybe |= depth > max(noise, 0.5 * enough)
+    hidden, asymmetry = _hidden(z, widest, pitch)
+    sure |= _strips(hidden, asymmetry, sure, rule, pitch)
+    core = ndimage.binary_propagation(sure, structure=EIGHT, mask=sure | maybe)
+    # up the walls, but not away along a step: a step is thin where a wall that needs more than two cells is not
+    steep = highest(z, 2) - z > max(noise, rule.wall_slope * 2 * pitch)
+    thick = ndimage.binary_opening(steep | core, structure=EIGHT) & steep
+    near = ndimage.binary_dilation(core, structure=EIGHT, iterations=2) & steep
+    reach = max(2, round(rule.max_width_mm / 4 / pitch))
+    grown = ndimage.binary_dilation(core, structure=EIGHT, iterations=reach, mask=core | thick | near)
+    return _long_parts(_without_pinholes(grown), rule, pitch)
+
+
+def _without_pinholes(mask: npt.NDArray[np.bool_], most: int = 25) -> npt.NDArray[np.bool_]:
+    """Fill holes of at most `most` cells: noise on a crack's floor, not an island."""
+    labels, count = ndimage.label(~mask)
+    small = np.bincount(labels.ravel(), minlength=count + 1) <= most
+    small[0] = False
+    return mask | small[labels]  # type: ignore[no-any-return]  # scipy ships no types
+
+
+def _strips(
+    hidden: npt.NDArray[np.bool_],
+    asymmetry: npt.NDArray[np.float32],
+    valleys: npt.NDArray[np.bool_],
+    rule: CrackRule,
+    pitch: float,
+) -> npt.NDArray[np.bool_]:
+    """Missing parts that are a crack's unseen floor, and not a bump's shadow or a dropout.
+
+    They lie beside a valley for a fifth of their rim, or are long and thin: 6 times, where both rims are about
+    level (a bump's shadow has its higher side over the lower), 10 times in any case.
+    """
+    labels, count = ndimage.label(hidden, structure=EIGHT)
+    if count == 0:
+        return hidden
+    area = np.bincount(labels.ravel(), minlength=count + 1).astype(np.float64)
+    width, length = _width_and_length(labels, count, area)
+    rim = ndimage.grey_dilation(labels, size=(3, 3)) * ~hidden
+    around = np.bincount(rim.ravel(), minlength=count + 1)
+    beside = np.bincount(rim[valleys], minlength=count + 1)
+    tilt = np.bincount(labels.ravel(), weights=asymmetry.ravel(), minlength=count + 1) / np.maximum(area, 1)
+    thin = (length > 10 * width) | ((length > 6 * width) & (tilt < 0.5))
+    keep = (beside > 0.2 * around) & (area > 4) | thin & (length * pitch > rule.least_length_mm)
+    keep[0] = False
+    return keep[labels]  # type: ignore[no-any-return]  # scipy ships no types
+
+
+def _long_parts(mask: npt.NDArray[np.bool_], rule: CrackRule, pitch: float) -> npt.NDArray[np.bool_]:
+    """Drop the parts that are short or not elongated."""
+    labels, count = ndimage.label(mask, structure=EIGHT)
+    if count == 0:
+        return mask
+    area = np.bincount(labels.ravel(), minlength=count + 1).astype(np.float64)
+    width, length = _width_and_length(labels, count, area)
+    keep = (length * pitch >= rule.least_length_mm) & (length >= rule.least_elongation * width)
+    keep[0] = False
+    return keep[labels]  # type: ignore[no-any-return]  # scipy ships no types
+
+
+def _width_and_length(
+    labels: npt.NDArray[np.int32], count: int, area: npt.NDArray[np.float64]
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Width and length of each part, cells: a strip of width w has a mean distance to its edge of w / 4."""
+    inside = ndimage.distance_transform_edt(labels > 0)
+    total = np.bincount(labels.ravel(), weights=inside.ravel(), minlength=count + 1)
+    width = np.maximum(1.0, 4 * total / np.maximum(area, 1) - 1)
+    return width, area / width
+
+
+def closing(z: npt.NDArray[np.float32], cells: int) -> npt.NDArray[np.float32]:
+    """Grey closing by a square, missing cells ignored; NaN where the whole window is missing."""
+    top = np.where(np.isfinite(z), z, np.float32(-np.inf))
+    top = ndimage.maximum_filter(top, cells, mode="nearest")
+    top[np.isneginf(top)] = np.inf
+    low = ndimage.minimum_filter(top, cells, mode="nearest")
+    low[np.isposinf(low)] = np.nan
+    return low  # type: ignore[no-any-return]  # scipy ships no types
+
+
+def highest(z: npt.NDArray[np.float32], reach: int) -> npt.NDArray[np.float32]:
+    """Highest measured cell within `reach` cells; NaN where there is none."""
+    top = np.where(np.isfinite(z), z, np.float32(-np.inf))
+    top = ndimage.maximum_filter(top, 2 * reach + 1, mode="nearest")
+    top[np.isneginf(top)] = np.nan
+    return top  # type: ignore[no-any-return]  # scipy ships no types
+
+
+def _windows(widest: int) -> list[int]:
+    sizes = [5]
+    while sizes[-1] * 2 < widest:
+        sizes.append(sizes[-1] * 2 + 1)
+    if widest | 1 > sizes[-1]:
+        sizes.append(widest | 1)
+    return sizes
+
+
+def _hidden(
+    z: npt.NDArray[np.float32], widest: int, pitch: float
+) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.float32]]:
+    """Missing cells with measured ones on both sides, along a row or a column, at most `widest` cells apart.
+
+    With them, for each, how far the two sides differ in height over how far they are apart; 0 elsewhere.
+    """
+    measured = np.isfinite(z)
+    hidden = np.zeros(z.shape, dtype=np.bool_)
+    asymmetry = np.zeros(z.shape, dtype=np.float32)
+    shortest = np.full(z.shape, widest + 1)
+    for axis in (0, 1):
+        n = z.shape[axis]
+        index = np.arange(n).reshape((-1, 1) if axis == 0 else (1, -1))
+        before = np.maximum.accumulate(np.where(measured, index, -1), axis=axis)
+        after = np.flip(np.minimum.accumulate(np.flip(np.where(measured, index, n), axis), axis=axis), axis)
+        gap = after - before - 1
+        short = ~measured & (before >= 0) & (after < n) & (gap <= widest)
+        step = np.abs(
+            np.take_along_axis(z, np.clip(after, 0, n - 1), axis)
+            - np.take_along_axis(z, np.clip(before, 0, n - 1), axis)
+        )
+        better = short & (gap < shortest)
+        asymmetry[better] = step[better] / (gap[better] * pitch)
+        shortest[better] = gap[better]
+        hidden |= short
+    return hidden, asymmetry

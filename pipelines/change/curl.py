@@ -1,0 +1,93 @@
+"""Curl: how far the edges of the plates between cracks have risen over their middles since the baseline."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from .smoothing import MAD_TO_SIGMA
+from .values import Measurement
+
+__all__ = ["EDGE_BAND_MM", "edge_lift"]
+
+EDGE_BAND_MM = 0.05, 0.25
+"""Distance from the crack's edge of the cells that are "the edge"; closer ones may be the wall, resampled."""
+INTERIOR_SHARE = 0.6
+"""The interior of a plate: further from its edge than this share of its greatest distance."""
+LEAST_PLATE_MM2 = 1.0
+LEAST_CELLS = 30
+SHARED_ERROR_CELLS = 25.0
+
+
+def edge_lift(
+    dz: npt.NDArray[np.float32],
+    crack: npt.NDArray[np.bool_],
+    region: npt.NDArray[np.bool_],
+    pitch_mm: float,
+) -> Measurement:
+    """Mean rise of the plates' edges over their interiors.
+
+    Plates are the parts of the region that cracks divide. On each, d is the distance to the nearest crack cell,
+    the edge is 0.05 mm < d < 0.25 mm, the interior d > 0.6 of the plate's greatest d, and
+
+        lift = mean(dz over the edge) - mean(dz over the interior)
+
+    weighted over plates by their number of edge cells. dz is a height difference to the baseline, so relief cancels
+    and lift is 0 at the baseline; + is concave-up. Settlement, a wrong offset and tilt of a whole plate cancel too.
+    For a lift that decays as exp(-d / L) from the edge the value is smaller than the lift at the very edge: 0.83 of it
+    for L = 0.8 mm, less what is left in the interior.
+
+    Parameters
+    ----------
+    dz : ndarray of float32, shape (rows, columns)
+        mm; NaN where not measured.
+    crack : ndarray of bool, shape (rows, columns)
+        Crack at the later scan or at the baseline.
+    region : ndarray of bool, shape (rows, columns)
+    pitch_mm : float
+
+    Returns
+    -------
+    Measurement
+        NaN where there is no crack or no plate of 1 mm2 with 30 edge and 30 interior cells.
+    """
+    nothing = Measurement(float("nan"), float("nan"))
+    if not crack.any():
+        return nothing
+    plates, count = ndimage.label(region & ~crack)
+    if count == 0:
+        return nothing
+    distance = ndimage.distance_transform_edt(~crack).astype(np.float32) * np.float32(pitch_mm)
+    numbers = np.arange(1, count + 1)
+    deepest = np.zeros(count + 1, dtype=np.float32)
+    deepest[1:] = ndimage.maximum(distance, plates, numbers)
+    measured = np.isfinite(dz) & (plates > 0)
+    edge = measured & (distance > EDGE_BAND_MM[0]) & (distance < EDGE_BAND_MM[1])
+    interior = measured & (distance > np.maximum(INTERIOR_SHARE * deepest[plates], EDGE_BAND_MM[1]))
+    size = np.bincount(plates.ravel(), minlength=count + 1) * pitch_mm**2
+    values = np.where(measured, dz, np.float32(0)).astype(np.float64)
+
+    def sums(mask: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.intp]]:
+        inside = plates[mask]
+        total = np.bincount(inside, weights=values[mask], minlength=count + 1).astype(np.float64)
+        return total, np.bincount(inside, minlength=count + 1)
+
+    edge_sum, edge_count = sums(edge)
+    inner_sum, inner_count = sums(interior)
+    valid = (size >= LEAST_PLATE_MM2) & (edge_count >= LEAST_CELLS) & (inner_count >= LEAST_CELLS)
+    valid[0] = False
+    if not valid.any():
+        return nothing
+    edges, inners = edge_count[valid], inner_count[valid]
+    lifts = edge_sum[valid] / edges - inner_sum[valid] / inners
+    lift = float(np.average(lifts, weights=edges))
+    rough = ndimage.median(dz[edge], plates[edge], numbers[valid[1:]])
+    # the spread about each plate's own edge level holds noise and the real differences along the edge
+    about = np.zeros(count + 1)
+    about[1:][valid[1:]] = rough
+    keep = valid[plates] & edge
+    spread = float(MAD_TO_SIGMA * np.median(np.abs(values[keep] - about[plates[keep]])))
+    share = edges / edges.sum()
+    variance = spread**2 * SHARED_ERROR_CELLS * float((share**2 * (1 / edges + 1 / inners)).sum())
+    return Measurement(lift, float(np.sqrt(variance)))

@@ -1,0 +1,48 @@
+"""Two scans on one grid to their difference and its level of detection."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..scan import Scan
+from .motion import Motion
+from .values import Change
+
+__all__ = ["Z_95", "difference"]
+
+Z_95 = 1.959963984540054
+"""Two-sided 95 % point of the normal distribution."""
+
+
+def difference(moved: Scan, baseline: Scan, motion: Motion) -> Change:
+    """Subtract the baseline from a scan that was moved onto it (DoD, a difference of elevation models).
+
+    Parameters
+    ----------
+    moved : Scan
+        On the baseline's grid, after `motion`.
+    baseline : Scan
+    motion : Motion
+        What was taken out; its vertical uncertainty widens the level of detection.
+
+    Returns
+    -------
+    Change
+        ``dz`` in mm; NaN where either scan is NaN. ``lod = 1.96 (sqrt(s1^2 + s2^2) + reg)``, the 95 % level of
+        detection of Lague, Brodu and Leroux (2013, eq. 1) with each cell's own standard uncertainties in place
+        of roughness over root n, and ``reg`` the vertical uncertainty of the registration, which they add
+        linearly because every cell shares it.
+
+    Raises
+    ------
+    ValueError
+        If the scans lie on different grids.
+    """
+    if moved.grid != baseline.grid:
+        raise ValueError(f"scans lie on different grids: {moved.grid} and {baseline.grid}")
+    dz = moved.height - baseline.height
+    spread = np.sqrt(moved.sigma.astype(np.float32) ** 2 + baseline.sigma**2)
+    shared = motion.sigma_z_mm if np.isfinite(motion.sigma_z_mm) else 0.0
+    lod = np.float32(Z_95) * (spread + np.float32(shared))
+    lod[~np.isfinite(dz)] = np.nan
+    return Change(baseline.grid, baseline.time, dz, lod, motion)

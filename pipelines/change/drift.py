@@ -1,0 +1,212 @@
+"""Lateral drift between two scans, sub-pixel, from high-passed relief and texture with robust weights."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+from scipy import ndimage
+
+from ..scan import Scan
+from .smoothing import MAD_TO_SIGMA, robust_sigma
+
+__all__ = ["Drift", "lateral_drift"]
+
+FINE_CELLS = 1.0
+"""Sigma of the Gaussian that takes out the finest noise, cells: bilinear resampling then hardly blurs."""
+COARSE_CELLS = 8.0
+"""Sigma of the Gaussian whose result is subtracted: settlement, tilt and lighting are gone after it."""
+ROUNDS = 12
+SIMILAR_COST = 1.3
+"""Spreads of the residuals within this factor do not tell two shifts apart."""
+
+
+@dataclass(frozen=True, slots=True)
+class Drift:
+    """Where the baseline's cells are found in the scan: scan(x + dx, y + dy) looks like baseline(x, y)."""
+
+    dx_mm: float
+    dy_mm: float
+    sigma_mm: float
+    conditioning: float
+    ambiguous: bool = False
+    """Another shift explains nearly as much: a part of the surface moved, or the pattern repeats."""
+
+
+@njit(cache=True, nogil=True)
+def _residual(ref, mov, i, j, u, v):  # type: ignore[no-untyped-def]  # numba infers the types from the arrays
+    """mov(i + v, j + u) - ref(i, j), bilinear; NaN where anything is missing."""
+    a = int(np.floor(u))
+    b = int(np.floor(v))
+    fu = u - a
+    fv = v - b
+    r, c = i + b, j + a
+    if r < 0 or c < 0 or r + 1 >= mov.shape[0] or c + 1 >= mov.shape[1]:
+        return np.nan
+    m = (1 - fv) * ((1 - fu) * mov[r, c] + fu * mov[r, c + 1]) + fv * (
+        (1 - fu) * mov[r + 1, c] + fu * mov[r + 1, c + 1]
+    )
+    return m - ref[i, j]
+
+
+@njit(cache=True, nogil=True)
+def _normal_equations(ref, mov, use, u, v, scale, step, sample):  # type: ignore[no-untyped-def]  # as above
+    """Tukey-weighted Gauss-Newton sums for one channel; `sample` gets the raw residuals of a sparse subset."""
+    axx = axy = ayy = bx = by = weight = 0.0
+    count = 0
+    kept = 0
+    rows, columns = ref.shape
+    for i in range(1, rows - 1, step):
+        for j in range(1, columns - 1, step):
+            if not use[i, j]:
+                continue
+            r = _residual(ref, mov, i, j, u, v)
+            gx = 0.5 * (ref[i, j + 1] - ref[i, j - 1])
+            gy = 0.5 * (ref[i + 1, j] - ref[i - 1, j])
+            if not (np.isfinite(r) and np.isfinite(gx) and np.isfinite(gy)):
+                continue
+            if count % 7 == 0 and kept < sample.size:
+                sample[kept] = r
+                kept += 1
+            count += 1
+            # Tukey's biweight: 95 % efficient for normal residuals, blind to gross ones
+            e = r / (4.685 * scale)
+            if abs(e) >= 1.0:
+                continue
+            w = (1 - e * e) ** 2
+            axx += w * gx * gx
+            axy += w * gx * gy
+            ayy += w * gy * gy
+            bx += w * gx * r
+            by += w * gy * r
+            weight += w
+    return axx, axy, ayy, bx, by, weight, count, kept
+
+
+def _band(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Band-passed map, NaN-aware, scaled to a robust spread of 1; NaN where not measured."""
+    good = np.isfinite(values)
+    filled = np.where(good, values, np.float32(0))
+    weight = good.astype(np.float32)
+
+    def smooth(sigma: float) -> npt.NDArray[np.float32]:
+        total: npt.NDArray[np.float32] = ndimage.gaussian_filter(filled, sigma, truncate=3.0)
+        share = ndimage.gaussian_filter(weight, sigma, truncate=3.0)
+        mean: npt.NDArray[np.float32] = total / np.maximum(share, np.float32(1e-3))
+        return mean
+
+    band = smooth(FINE_CELLS) - smooth(COARSE_CELLS)
+    band[~good] = np.nan
+    spread = robust_sigma(band)
+    if not spread > 0:
+        return np.full_like(band, np.nan)  # a channel without contrast says nothing about x or y
+    scaled: npt.NDArray[np.float32] = band / np.float32(spread)
+    return scaled
+
+
+def _whole_cells(first: npt.NDArray[np.float32], second: npt.NDArray[np.float32], reach: int) -> tuple[int, int]:
+    """Whole-cell (dx, dy) of the highest peak of the normalised cross-correlation within `reach` cells."""
+    from scipy import fft
+
+    shape = [fft.next_fast_len(n + reach, real=True) for n in first.shape]
+    a = fft.rfft2(np.clip(np.nan_to_num(first), -3, 3), shape, workers=1)
+    b = fft.rfft2(np.clip(np.nan_to_num(second), -3, 3), shape, workers=1)
+    peak = fft.irfft2(np.conj(a) * b, shape, workers=1)
+    rolled = np.roll(peak, (reach, reach), axis=(0, 1))[: 2 * reach + 1, : 2 * reach + 1]
+    row, column = np.unravel_index(int(np.argmax(rolled)), rolled.shape)
+    return int(column) - reach, int(row) - reach
+
+
+def lateral_drift(scan: Scan, baseline: Scan, use: npt.NDArray[np.bool_], reach_mm: float | None = None) -> Drift:
+    """Find the lateral shift of the sample between two scans of one grid.
+
+    Height and texture are band-passed (Gaussians of 1 and 8 cells), scaled to equal spread and matched by
+    Gauss-Newton with Tukey weights (Lucas and Kanade 1981; Tukey's biweight), begun at no shift and at the
+    peaks of the cross-correlation. The best counts; where two differ and are about as good, the smaller shift does,
+    because a rig moves less than what it watches. Every step is against the fixed baseline.
+
+    Parameters
+    ----------
+    scan, baseline : Scan
+        On one grid.
+    use : ndarray of bool, shape (rows, columns)
+        Cells of the baseline that may be used: the stable areas, or everything.
+    reach_mm : float, optional
+        Largest shift that is looked for; a tenth of the shorter side if left out.
+
+    Returns
+    -------
+    Drift
+        All NaN, with conditioning 0, where nothing has contrast.
+    """
+    grid = baseline.grid
+    reach = max(2, round((reach_mm / grid.pitch_mm) if reach_mm else min(grid.shape) / 10))
+    texture = [np.where(np.isfinite(s.height), s.texture, np.nan).astype(np.float32) for s in (baseline, scan)]
+    channels = [(_band(baseline.height), _band(scan.height)), (_band(texture[0]), _band(texture[1]))]
+    channels = [pair for pair in channels if all(np.isfinite(band).any() for band in pair)]
+    nothing = Drift(float("nan"), float("nan"), float("nan"), 0.0)
+    if not channels or not use.any():
+        return nothing
+    starts = {(0, 0)} | {_whole_cells(np.where(use, ref, np.nan), mov, reach) for ref, mov in channels}
+    found = [_refine(channels, use, start) for start in sorted(starts)]
+    best = min(one[0] for one in found)
+    good = [one for one in found if one[0] <= SIMILAR_COST * best]
+    _, u, v, sigma, conditioning = min(good, key=lambda one: np.hypot(one[1], one[2]))
+    ambiguous = max(np.hypot(one[1] - u, one[2] - v) for one in good) > 1.0
+    if not np.isfinite([u, v, sigma]).all() or max(abs(u), abs(v)) > 1.5 * reach:
+        return nothing
+    return Drift(u * grid.pitch_mm, v * grid.pitch_mm, sigma * grid.pitch_mm, conditioning, bool(ambiguous))
+
+
+def _refine(
+    channels: list[tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]],
+    use: npt.NDArray[np.bool_],
+    start: tuple[int, int],
+) -> tuple[float, float, float, float, float]:
+    """Gauss-Newton from one start: (cost per cell, dx, dy, sigma, conditioning), in cells."""
+    u, v = float(start[0]), float(start[1])
+    sample = np.empty(20000, dtype=np.float64)
+    scales = [1.0 for _ in channels]
+    step = 1 if use.sum() < 300_000 else 2
+    total = np.full((2, 2), np.nan)
+    cost = float("inf")
+    spread = float("nan")
+    for turn in range(ROUNDS):
+        total = np.zeros((2, 2))
+        right = np.zeros(2)
+        information = 0.0
+        costs = []
+        for index, (ref, mov) in enumerate(channels):
+            axx, axy, ayy, bx, by, weight, count, kept = _normal_equations(
+                ref, mov, use, u, v, scales[index], step, sample
+            )
+            if count < 50 or weight == 0:
+                continue
+            inverse = 1 / scales[index] ** 2
+            total += inverse * np.array([[axx, axy], [axy, ayy]])
+            right += inverse * np.array([bx, by])
+            information += weight
+            # comparable between starts only on one scale: judge by the plain spread of the residuals
+            size = float(MAD_TO_SIGMA * np.median(np.abs(sample[:kept]))) if kept else float("inf")
+            costs.append(size)
+            scales[index] = max(size, 1e-6)
+        if not costs or not np.isfinite(total).all() or np.linalg.det(total) <= 0:
+            return float("inf"), u, v, float("nan"), 0.0
+        cost = float(np.mean(costs))
+        move = np.linalg.solve(total, right)
+        move *= min(1.0, 1.0 / max(1e-12, float(np.hypot(*move))))  # at most one cell a round
+        u -= float(move[0])
+        v -= float(move[1])
+        spread = information
+        if np.hypot(*move) < 1e-4 and turn > 2:
+            break
+    if not spread > 0:
+        return float("inf"), u, v, float("nan"), 0.0
+    singular = np.linalg.svd(total, compute_uv=False)
+    # residuals share their errors over the smoothing's footprint (4 pi sigma^2 cells), so they count that much less;
+    # 0.01 cell is what bilinear resampling leaves
+    shared = max(1.0, 4 * np.pi * FINE_CELLS**2 / step**2)
+    sigma = float(np.sqrt(shared / singular[-1] + 0.01**2))
+    return cost, u, v, sigma, float(singular[-1] / singular[0])

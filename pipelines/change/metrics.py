@@ -1,0 +1,213 @@
+"""METRICS: every number that is followed through time, with its unit, its definition and its uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from functools import lru_cache
+from types import MappingProxyType
+
+import numpy as np
+import numpy.typing as npt
+
+from .crack_widths import CrackOpenings, crack_openings
+from .cracks import crack_mask
+from .curl import edge_lift
+from .values import Comparison, Measurement, Metric
+from .volume import Volumes, volumes
+
+__all__ = ["METRICS", "measure"]
+
+NOT_MEASURED = Measurement(float("nan"), float("nan"))
+
+
+# Several metrics need the same intermediate result of one comparison. Each cache holds one, keyed by identity
+# (Comparison has no equality), and `measure` empties them, so that no scan outlives its tick.
+@lru_cache(maxsize=1)
+def _volumes(comparison: Comparison) -> Volumes:
+    return volumes(comparison.change, comparison.region, comparison.stable)
+
+
+@lru_cache(maxsize=1)
+def _crack(comparison: Comparison) -> npt.NDArray[np.bool_]:
+    return crack_mask(comparison.scan) & comparison.region
+
+
+@lru_cache(maxsize=1)
+def _openings(comparison: Comparison) -> CrackOpenings:
+    return crack_openings(comparison.scan, _crack(comparison))
+
+
+def _gained(comparison: Comparison) -> Measurement:
+    return _volumes(comparison).gained
+
+
+def _lost(comparison: Comparison) -> Measurement:
+    return _volumes(comparison).lost
+
+
+def _net(comparison: Comparison) -> Measurement:
+    return _volumes(comparison).net
+
+
+def _crack_area(comparison: Comparison) -> Measurement:
+    grid = comparison.scan.grid
+    if not np.isfinite(comparison.scan.height).any():
+        return NOT_MEASURED
+    area = float(_crack(comparison).sum()) * grid.cell_mm2
+    openings = _openings(comparison)
+    length = float(openings.lines.step.sum()) * grid.pitch_mm
+    return Measurement(area, max(length * _opening_sigma(openings, grid.pitch_mm), grid.cell_mm2))
+
+
+def _crack_length(comparison: Comparison) -> Measurement:
+    pitch = comparison.scan.grid.pitch_mm
+    if not np.isfinite(comparison.scan.height).any():
+        return NOT_MEASURED
+    lines = _openings(comparison).lines
+    length = float(lines.step.sum()) * pitch
+    # a free end lies within half a width of where the skeleton stops; smoothing the stairs is good to a percent
+    ends = float(np.sqrt(lines.free_ends)) * lines.end_width * pitch
+    return Measurement(length, float(np.hypot(np.hypot(ends, 0.01 * length), pitch)))
+
+
+def _crack_opening(comparison: Comparison) -> Measurement:
+    openings = _openings(comparison)
+    known = np.isfinite(openings.opening_mm)
+    if not known.any():
+        return NOT_MEASURED
+    mean = float(np.average(openings.opening_mm[known], weights=openings.step_mm[known]))
+    return Measurement(mean, _opening_sigma(openings, comparison.scan.grid.pitch_mm))
+
+
+def _opening_sigma(openings: CrackOpenings, pitch_mm: float) -> float:
+    """Standard uncertainty of the mean opening: the profiles' own, and what the raster and the definition leave."""
+    known = np.isfinite(openings.opening_mm)
+    # profiles closer than 5 cells read the same cells
+    independent = max(1.0, float(known.sum()) / 5)
+    random = float(np.sqrt(np.mean(openings.sigma_mm[known] ** 2) / independent)) if known.any() else pitch_mm
+    # each edge is known to about a third of a cell whatever the noise, the same way all along: no averaging helps
+    raster = pitch_mm / np.sqrt(12) * np.sqrt(2)
+    return float(np.hypot(random, raster))
+
+
+def _edge_lift(comparison: Comparison) -> Measurement:
+    crack = _crack(comparison) | crack_mask(comparison.baseline)
+    return edge_lift(comparison.change.dz, crack, comparison.region, comparison.scan.grid.pitch_mm)
+
+
+def _covered(comparison: Comparison) -> Measurement:
+    total = int(comparison.region.sum())
+    if total == 0:
+        return NOT_MEASURED
+    return Measurement(float(np.isfinite(comparison.change.dz[comparison.region]).sum() / total), 0.0)
+
+
+def _coverage(comparison: Comparison) -> Measurement:
+    return Measurement(comparison.scan.coverage, 0.0)
+
+
+def _registration_residual(comparison: Comparison) -> Measurement:
+    return Measurement(comparison.change.motion.residual_mm, 0.0)
+
+
+METRICS: Mapping[str, Metric] = MappingProxyType(
+    {
+        metric.name: metric
+        for metric in (
+            Metric(
+                "net_volume",
+                "mm3",
+                "Net volume change",
+                "Sum of dz times cell area over the region's cells measured in both scans; no threshold.",
+                _net,
+            ),
+            Metric(
+                "gained_volume",
+                "mm3",
+                "Volume gained",
+                "The part of the net volume where the mean of dz over 5 x 5 cells is positive; no threshold.",
+                _gained,
+            ),
+            Metric(
+                "lost_volume",
+                "mm3",
+                "Volume lost",
+                "Volume gained less net volume: where the mean of dz over 5 x 5 cells is negative, counted positive.",
+                _lost,
+            ),
+            Metric(
+                "crack_area",
+                "mm2",
+                "Crack area",
+                "Area of the crack cells in the region, an unseen floor included.",
+                _crack_area,
+            ),
+            Metric(
+                "crack_length",
+                "mm",
+                "Crack length",
+                "Length of the cracks' centre lines in the region, spurs left out.",
+                _crack_length,
+            ),
+            Metric(
+                "crack_opening",
+                "mm",
+                "Crack opening",
+                "Mean distance between a crack's edges across its centre line, weighted by length, clear of junctions.",
+                _crack_opening,
+            ),
+            Metric(
+                "edge_lift",
+                "mm",
+                "Edge lift",
+                "Mean dz of the plates' edges (0.05 to 0.25 mm from the crack) less their interiors'; + curls up.",
+                _edge_lift,
+            ),
+            Metric(
+                "covered",
+                "1",
+                "Region measured in both scans",
+                "Share of the region's cells on which volumes rest.",
+                _covered,
+            ),
+            Metric("coverage", "1", "Cells measured", "Share of the grid's cells that the scan measured.", _coverage),
+            Metric(
+                "registration_residual",
+                "mm",
+                "Registration residual",
+                "Robust standard deviation (1.4826 MAD) of dz on the stable areas.",
+                _registration_residual,
+            ),
+        )
+    }
+)
+"""By name. Names are array names in the store."""
+
+
+def measure(comparison: Comparison, names: Iterable[str]) -> dict[str, Measurement]:
+    """Measure some of `METRICS`.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    names : iterable of str
+
+    Returns
+    -------
+    dict of str to Measurement
+        In the order of `names`; NaN where something was not measured.
+
+    Raises
+    ------
+    KeyError
+        If a name is not in `METRICS`; the message lists those that are.
+    """
+    wanted = list(names)
+    unknown = [name for name in wanted if name not in METRICS]
+    if unknown:
+        raise KeyError(f"no metric {unknown[0]!r}: choose from {', '.join(METRICS)}")
+    try:
+        return {name: METRICS[name].measure(comparison) for name in wanted}
+    finally:
+        for cached in (_volumes, _crack, _openings):
+            cached.cache_clear()

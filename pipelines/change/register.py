@@ -1,0 +1,162 @@
+"""Register a scan to its baseline: drift from what moves with the sample, height and tilt from what stands still."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from ..scan import Scan
+from .drift import Drift, lateral_drift
+from .motion import Motion, Verdict
+from .move import apply_motion
+from .stable import Plane, fit_plane, largest_consensus
+
+__all__ = ["find_motion", "register"]
+
+LEAST_OVERLAP = 0.3
+LEAST_CONDITIONING = 0.02
+LEAST_CONSENSUS = 0.5
+TOLERABLE_RESIDUAL = 3.0, 8.0
+"""Residual over what the scans' own sigmas predict: doubtful above the first, failed above the second."""
+SHARED_ERROR_CELLS = 25.0
+"""Neighbouring cells of a height map share errors over about 5 x 5 cells (stripe width, gridding)."""
+MOST_CELLS = 40_000
+"""More cells than this do not make the plane better: the correlated error stays."""
+
+
+def register(scan: Scan, baseline: Scan, stable: npt.NDArray[np.bool_] | None = None) -> Motion:
+    """Find the rigid motion that takes a scan onto its baseline.
+
+    Height and tilt come from a robust plane through the difference on the stable areas alone, lateral drift from
+    band-passed relief and texture with robust weights. Rotation about the vertical is not estimated.
+
+    Parameters
+    ----------
+    scan, baseline : Scan
+        On one grid.
+    stable : ndarray of bool, shape (rows, columns), optional
+        Ground that does not move (frame, fiducials). Without it the largest set of patches is used that one plane
+        of dz explains; uniform settlement of everything cannot be seen then. Where that is less than half of the
+        patches, everything is used with robust weights, and the verdict is doubtful.
+
+    Returns
+    -------
+    Motion
+        ``failed`` where the overlap is below 0.3, nothing fits or the residual is above 8 times what the sigmas
+        predict: do not use the difference. ``doubtful`` with its reason where it can be used with care.
+
+    Raises
+    ------
+    ValueError
+        If the grids differ or `stable` has another shape.
+    """
+    return find_motion(scan, baseline, stable)[0]
+
+
+def find_motion(
+    scan: Scan, baseline: Scan, stable: npt.NDArray[np.bool_] | None
+) -> tuple[Motion, npt.NDArray[np.bool_]]:
+    """`register`, and the cells that were held to be stable."""
+    if scan.grid != baseline.grid:
+        raise ValueError(f"scan and baseline lie on different grids: {scan.grid} and {baseline.grid}")
+    if stable is not None and stable.shape != baseline.grid.shape:
+        raise ValueError(f"stable mask has shape {stable.shape}, the grid {baseline.grid.shape}")
+    before, now = np.isfinite(baseline.height), np.isfinite(scan.height)
+    ground = before if stable is None else before & stable
+    overlap = float((ground & now).sum() / max(1, ground.sum()))
+    nowhere = np.zeros(baseline.grid.shape, dtype=np.bool_)
+    if stable is not None and ground.sum() < 50:
+        return _failed(overlap, "the stable areas hold fewer than 50 measured cells of the baseline"), nowhere
+    if overlap < LEAST_OVERLAP:
+        return _failed(overlap, f"only {overlap:.0%} of the stable cells were measured again"), nowhere
+
+    drift = lateral_drift(scan, baseline, ground)
+    known = np.isfinite(drift.dx_mm)
+    matrix = np.eye(4)
+    if known:
+        matrix[:2, 3] = -drift.dx_mm, -drift.dy_mm
+    plane: Plane | None = None
+    share = 1.0
+    held = nowhere
+    for _ in range(2):
+        moved = apply_motion(scan, _candidate(matrix))
+        dz = moved.height - baseline.height
+        held = ground & np.isfinite(dz)
+        if stable is None:
+            agreed, share = largest_consensus(dz, np.sqrt(moved.sigma**2 + baseline.sigma**2))
+            # with no majority, what a minority agrees on may be anything: the middle of everything is safer
+            held = held & agreed if share >= LEAST_CONSENSUS else held
+        plane = _plane_of(dz, held, baseline)
+        if plane is None:
+            return _failed(overlap, "the stable cells are too few or lie on one line"), nowhere
+        matrix = _levelling(plane, baseline) @ matrix
+    assert plane is not None
+    expected = float(np.nanmedian(np.sqrt(scan.sigma[held] ** 2 + baseline.sigma[held] ** 2)))
+    # 1 um keeps a noise-free height map (imported, synthetic) from being judged by its rounding
+    verdict, reason = _judge(drift, plane.residual / max(expected, 1e-3), share)
+    motion = Motion(
+        matrix=matrix,
+        residual_mm=plane.residual,
+        overlap=overlap,
+        conditioning=drift.conditioning,
+        sigma_z_mm=float(np.sqrt(plane.covariance[0, 0])),
+        sigma_xy_mm=drift.sigma_mm,
+        verdict=verdict,
+        reason=reason,
+    )
+    return motion, held
+
+
+def _candidate(matrix: npt.NDArray[np.float64]) -> Motion:
+    return Motion(matrix, float("nan"), 0.0, 0.0, float("nan"), float("nan"), "doubtful", "not finished")
+
+
+def _failed(overlap: float, reason: str) -> Motion:
+    nan = float("nan")
+    return Motion(np.eye(4), nan, overlap, 0.0, nan, nan, "failed", reason)
+
+
+def _plane_of(dz: npt.NDArray[np.float32], held: npt.NDArray[np.bool_], baseline: Scan) -> Plane | None:
+    """Plane through dz on the held cells, from at most MOST_CELLS of them."""
+    rows, columns = np.nonzero(held)
+    if rows.size < 50:
+        return None
+    every = max(1, rows.size // MOST_CELLS)
+    rows, columns = rows[::every], columns[::every]
+    grid = baseline.grid
+    values = dz[rows, columns].astype(np.float64)
+    return fit_plane(grid.x_mm[columns], grid.y_mm[rows], values, per_patch=max(1.0, SHARED_ERROR_CELLS / every))
+
+
+def _levelling(plane: Plane, baseline: Scan) -> npt.NDArray[np.float64]:
+    """The rigid motion that takes a plane of dz out: a small rotation about its centre, and a lift."""
+    offset, a, b = plane.level
+    # exp of the rotation vector (-b, a, 0) turns (x, y, 0) into (.., .., -a x - b y) to first order
+    angle = float(np.hypot(a, b))
+    rotation = np.eye(3)
+    if angle > 0:
+        skew = np.array([[0.0, 0.0, a], [0.0, 0.0, b], [-a, -b, 0.0]]) / angle
+        rotation += np.sin(angle) * skew + (1 - np.cos(angle)) * skew @ skew
+    pivot = np.array([*plane.centre, float(np.nanmedian(baseline.height))])
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation
+    matrix[:3, 3] = pivot - rotation @ pivot - np.array([0.0, 0.0, offset])
+    return matrix
+
+
+def _judge(drift: Drift, ratio: float, share: float) -> tuple[Verdict, str]:
+    """Verdict and reason; the worst comes first."""
+    doubtful, failed = TOLERABLE_RESIDUAL
+    if ratio > failed:
+        return "failed", f"the stable areas differ by {ratio:.0f} times what the scans' uncertainties predict"
+    if share < LEAST_CONSENSUS:
+        return "doubtful", f"no stable areas are given and only {share:.0%} of the surface agrees on one plane"
+    if ratio > doubtful:
+        return "doubtful", f"the stable areas differ by {ratio:.1f} times what the scans' uncertainties predict"
+    if not np.isfinite(drift.dx_mm):
+        return "doubtful", "neither relief nor texture shows where the sample is: lateral drift is taken as none"
+    if drift.ambiguous:
+        return "doubtful", "two shifts explain the scan about equally well, the smaller one is taken: mark stable areas"
+    if drift.conditioning < LEAST_CONDITIONING:
+        return "doubtful", "relief and texture run in one direction only: drift along it is not determined"
+    return "good", ""

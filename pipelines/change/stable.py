@@ -1,0 +1,142 @@
+"""Vertical offset and tilt from ground that did not move; and such ground, found where nobody marked it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from .smoothing import MAD_TO_SIGMA, robust_sigma
+
+__all__ = ["Plane", "fit_plane", "largest_consensus"]
+
+CLIP = 4.685  # Tukey's biweight constant
+TRIPLES = 400
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plane:
+    """``z = c + a (x - x0) + b (y - y0)`` with its spread and covariance.
+
+    `level` is (c, a, b), mm and mm per mm; `centre` (x0, y0) is the middle of the cells used; `residual` is the
+    robust standard deviation about the plane; `covariance` (3, 3) is that of `level`.
+    """
+
+    level: npt.NDArray[np.float64]
+    centre: tuple[float, float]
+    residual: float
+    covariance: npt.NDArray[np.float64]
+
+
+def fit_plane(
+    x: npt.NDArray[np.float64],
+    y: npt.NDArray[np.float64],
+    z: npt.NDArray[np.float64],
+    *,
+    per_patch: float = 1.0,
+    tilt: bool = True,
+) -> Plane | None:
+    """Fit a plane with Tukey weights.
+
+    Parameters
+    ----------
+    x, y, z : ndarray of float64, shape (n,)
+        Finite, mm.
+    per_patch : float
+        Number of neighbouring values that share one error: the covariance grows by it.
+    tilt : bool
+        Fit the tilt too; otherwise the offset alone.
+
+    Returns
+    -------
+    Plane or None
+        None where fewer than 10 values are left or they lie on one line.
+    """
+    if z.size < 10:
+        return None
+    centre = (float(x.mean()), float(y.mean()))
+    columns = [np.ones_like(z)] + ([x - centre[0], y - centre[1]] if tilt else [])
+    design = np.stack(columns, axis=1)
+    level = np.zeros(design.shape[1])
+    level[0] = np.median(z)
+    normal = np.zeros((design.shape[1], design.shape[1]))
+    residual = 0.0
+    for _ in range(20):
+        r = z - design @ level
+        residual = float(MAD_TO_SIGMA * np.median(np.abs(r - np.median(r))))
+        e = r / (CLIP * max(residual, 1e-9))
+        weight = np.where(np.abs(e) < 1, (1 - e * e) ** 2, 0.0)
+        normal = design.T @ (weight[:, None] * design)
+        if np.linalg.cond(normal) > 1e12:
+            return None
+        step = np.linalg.solve(normal, design.T @ (weight * r))
+        level = level + step
+        if np.abs(step).max() < 1e-9:
+            break
+    covariance = np.zeros((3, 3))
+    size = design.shape[1]
+    covariance[:size, :size] = residual**2 * max(1.0, per_patch) * np.linalg.inv(normal)
+    return Plane(np.append(level, np.zeros(3 - size)), centre, residual, covariance)
+
+
+def largest_consensus(
+    dz: npt.NDArray[np.float32], sigma: npt.NDArray[np.float32], patch: int = 12
+) -> tuple[npt.NDArray[np.bool_], float]:
+    """Find the largest set of cells that one plane of dz explains: where nothing changed but the rig's position.
+
+    Parameters
+    ----------
+    dz : ndarray of float32, shape (rows, columns)
+        Difference of heights, mm, NaN where not measured.
+    sigma : ndarray of float32, shape (rows, columns)
+        Standard uncertainty of `dz`.
+    patch : int
+        Side of the square patches that vote, cells.
+
+    Returns
+    -------
+    stable : ndarray of bool, shape (rows, columns)
+    share : float
+        Of the patches, how many agree. Below a half, what moved and what stayed cannot be told apart.
+    """
+    rows, columns = (n // patch for n in dz.shape)
+    if rows * columns < 8:
+        return np.isfinite(dz), 0.0
+    cut = (slice(0, rows * patch), slice(0, columns * patch))
+
+    def patches(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        return values[cut].reshape(rows, patch, columns, patch).swapaxes(1, 2).reshape(rows * columns, -1)
+
+    cells = patches(dz)
+    full = np.isfinite(cells).mean(axis=1) >= 0.5
+    if full.sum() < 8:
+        return np.isfinite(dz), 0.0
+    medians = np.nanmedian(cells[full], axis=1).astype(np.float64)
+    noise = float(np.nanmedian(patches(sigma)[full]))
+    # patches of still ground differ by correlated noise, a good part of one cell's sigma, never less than its mean's
+    bound = 3 * max(0.3 * noise, float(np.median([robust_sigma(c) for c in cells[full]])) / patch, 1e-6)
+    where = np.flatnonzero(full)
+    y, x = (where // columns).astype(np.float64), (where % columns).astype(np.float64)
+    design = np.stack([np.ones_like(x), x, y], axis=1)
+    random = np.random.default_rng(0)  # a fixed seed: the same scans always give the same answer
+    best = np.zeros(medians.size, dtype=np.bool_)
+    for _ in range(TRIPLES):
+        three = random.choice(medians.size, 3, replace=False)
+        if abs(np.linalg.det(design[three])) < 0.05 * rows * columns / 4:
+            continue  # three patches in a row say nothing about tilt
+        agree = np.abs(medians - design @ np.linalg.solve(design[three], medians[three])) < bound
+        if agree.sum() > best.sum():
+            best = agree
+    if best.sum() < 3:
+        return np.isfinite(dz), 0.0
+    for _ in range(3):
+        level = np.linalg.lstsq(design[best], medians[best], rcond=None)[0]
+        best = np.abs(medians - design @ level) < bound
+        if best.sum() < 3:
+            return np.isfinite(dz), 0.0
+    stable = np.zeros((rows, columns), dtype=np.bool_)
+    stable.ravel()[where[best]] = True
+    whole = np.zeros(dz.shape, dtype=np.bool_)
+    whole[cut] = np.kron(stable, np.ones((patch, patch), dtype=np.bool_))
+    return whole & np.isfinite(dz), float(best.sum() / full.sum())
