@@ -35,8 +35,8 @@ class LedgerLike(Protocol):
         """Note that a slot is being worked on."""
         ...
 
-    def settle(self, planned: Instant, state: State, cause: str = "") -> None:
-        """Note how a slot ended."""
+    def settle(self, planned: Instant, state: State, cause: str = "", scan: int | None = None) -> None:
+        """Note how a slot ended, and with which scan; one that was never worked on need not be planned before."""
         ...
 
 
@@ -161,7 +161,6 @@ class Loop:
     def _miss(self, missed: list[Instant], cause: str, now: Instant) -> None:
         """Record missed slots: a row each in the ledger, one event for all of them in the store."""
         for planned in missed:
-            self.ledger.plan(planned)
             self.ledger.settle(planned, "missed", cause)
         self.last = missed[-1]
         span = " to ".join(dict.fromkeys((format_instant(missed[0]), format_instant(missed[-1]))))
@@ -180,7 +179,7 @@ class Loop:
         number = self._append(tick)
         if number is None and tick.scan is not None:
             state, cause = "failed", "the store did not take the scan; the log says why"
-        self.ledger.settle(planned, state, cause)
+        self.ledger.settle(planned, state, cause, number)
         if number is not None:
             self._after_scan(number, tick)
         self._busy_until = self.clock.now()

@@ -94,8 +94,9 @@ class FakeLedger:
         assert planned not in self.slots, f"{planned} planned twice"
         self.slots[planned] = ("planned", "")
 
-    def settle(self, planned: Instant, state: State, cause: str = "") -> None:
-        assert self.slots[planned][0] == "planned", f"{planned} settled twice"
+    def settle(self, planned: Instant, state: State, cause: str = "", scan: int | None = None) -> None:
+        assert state == "missed" or planned in self.slots, f"{planned} settled without a plan"
+        assert self.slots.get(planned, ("planned",))[0] == "planned", f"{planned} settled twice"
         self.slots[planned] = (state, cause)
 
     def states(self) -> list[str]:

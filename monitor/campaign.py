@@ -1,0 +1,295 @@
+"""From a campaign to its loop: the one way in which `run`, `scan`, `video` and `demo` take and keep scans."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from threading import Event as Flag
+
+import numpy as np
+
+from configs import Campaign, InputError
+from pipelines import Calibration, Grid, Instant, PatternSet, format_instant
+from storage import Ledger, Store, create_store, ledger_beside, open_store
+
+from . import __version__
+from .clock import Clock
+from .loop import Loop, Outcome, Settled
+from .rigs import BOARD, Rig, calibration_captures, make_rig
+from .scheduler import OnceSlots, Slots, grace_of, make_slots
+from .visit import Recipe, failed_tick
+
+__all__ = ["campaign_hash", "make_recipe", "read_calibration", "read_pattern_set", "reconcile", "run_campaign"]
+
+INTERRUPTED = "the process ended during this scan"
+NANOSECOND = np.timedelta64(1, "ns")
+
+
+def run_campaign(
+    campaign: Campaign,
+    *,
+    clock: Clock,
+    rig: Rig | None = None,
+    store: Store | None = None,
+    ledger: Ledger | None = None,
+    on_settled: Callable[[Settled], None] | None = None,
+    on_stage: Callable[[str], None] | None = None,
+    max_scans: int | None = None,
+    stop: Flag | None = None,
+    text: str = "",
+    now: bool = False,
+) -> Outcome:
+    """Run a campaign until its schedule is over, or something stops it.
+
+    What is not handed in is made from the campaign, and closed at the end. A store that is there is continued.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    clock : Clock
+        Real, or accelerated.
+    rig : Rig, optional
+    store : Store, optional
+    ledger : Ledger, optional
+        Must be given with `store`.
+    on_settled : callable, optional
+        Told of each slot once it is settled and, where it gave a scan, that scan is durable.
+    on_stage : callable, optional
+        Told in words what is being done before the first visit (calibrating takes its time).
+    max_scans : int, optional
+        Stop after this many visits, whether or not each yields a scan.
+    stop : threading.Event, optional
+        Set it (from a signal) to finish the scan under way and begin no other.
+    text : str
+        The campaign file's text, kept in the store.
+    now : bool
+        One visit at once, whatever the schedule says (`microrelief scan`).
+
+    Returns
+    -------
+    Outcome
+
+    Raises
+    ------
+    InputError
+        The campaign asks for what cannot be (a calibration file that is not there, another grid than the store's).
+    StoreError
+        The store cannot be opened, or another process writes it.
+    DeviceUnavailable
+        The rig does not open at the start; once running, an absent device costs single visits only.
+    """
+    tell = on_stage or (lambda what: None)
+    with ExitStack() as stack:
+        patterns = read_pattern_set(campaign)
+        if rig is None:
+            rig = make_rig(campaign.rig.name, campaign.rig.options)
+        if now or campaign.schedule.video is not None:
+            clock = clock.steady()
+        calibration = read_calibration(campaign, patterns, clock.now(), tell)
+        tell("opening the rig")
+        rig.open()
+        stack.callback(rig.close)
+        if store is None:
+            store = _open_or_create(campaign, calibration, patterns, text)
+            stack.callback(store.close)
+        if ledger is None:
+            ledger = Ledger(ledger_beside(campaign.store.path))
+            stack.callback(ledger.close)
+        reconcile(ledger, store)
+        slots, last = _resume(campaign, ledger, clock.now(), now)
+        loop = Loop(
+            slots,
+            lambda slot: grace_of(campaign, slots, slot),
+            make_recipe(campaign, patterns, calibration, _grid_of(store)),
+            rig,
+            store,
+            ledger,
+            clock,
+            last,
+            on_settled or (lambda settled: None),
+            stop or Flag(),
+            rig_is_open=True,
+        )
+        return loop.run(max_scans)
+
+
+def read_pattern_set(campaign: Campaign) -> PatternSet:
+    """Give what a campaign projects: its own pattern set, that of its pattern file, or 10-bit Gray code on 608x684.
+
+    Raises
+    ------
+    InputError
+        If it is no pattern set.
+    """
+    from storage import read_patterns
+
+    if campaign.patterns is None:
+        return PatternSet(kind="gray", size=(608, 684))
+    if isinstance(campaign.patterns, Path):
+        return read_patterns(campaign.patterns)
+    try:
+        return PatternSet.from_mapping(dict(campaign.patterns))
+    except ValueError as error:
+        raise InputError(f"patterns: {error}") from None
+
+
+def read_calibration(
+    campaign: Campaign, patterns: PatternSet, at: Instant, tell: Callable[[str], None] = lambda what: None
+) -> Calibration:
+    """Read a campaign's calibration, or let the simulated rig make it once and keep it beside the store.
+
+    Raises
+    ------
+    InputError
+        If the file is not there or is no calibration.
+    """
+    file = campaign.calibration.file
+    if file is not None:
+        return _calibration_of(file)
+    kept = simulated_calibration_file(campaign, patterns)
+    if kept.exists():
+        return _calibration_of(kept)
+    from pipelines.reconstruction import Board, calibrate
+
+    tell("the simulated rig calibrates itself on its simulated board")
+    captures = calibration_captures(campaign.rig.options, patterns, at)
+    board = Board(BOARD.inner_corners, BOARD.square_mm)
+    calibration = calibrate(captures, board, software=f"microrelief {__version__}")
+    kept.parent.mkdir(parents=True, exist_ok=True)
+    part = kept.with_name(f"{kept.name}.{os.getpid()}.part")
+    part.write_text(calibration.to_json(), encoding="utf-8")
+    part.replace(kept)  # whole or not at all, whoever is killed meanwhile
+    return calibration
+
+
+def simulated_calibration_file(campaign: Campaign, patterns: PatternSet) -> Path:
+    """Where a simulated rig's calibration is kept: another rig or other patterns have another file."""
+    made_of = {"options": dict(campaign.rig.options), "patterns": patterns.as_mapping()}
+    store = campaign.store.path
+    return store.with_name(f"{store.stem}.calibration-{_hash(made_of)[:8]}.json")
+
+
+def make_recipe(campaign: Campaign, patterns: PatternSet, calibration: Calibration, grid: Grid) -> Recipe:
+    """Give what is done with every capture of a campaign."""
+    from pipelines.change import polygon_mask
+
+    stable = campaign.register_.stable_mm
+    region = campaign.region_mm
+    return Recipe(
+        patterns,
+        calibration,
+        grid,
+        polygon_mask(stable, grid) if stable else None,
+        polygon_mask((region,), grid) if region is not None else None,
+        campaign.metrics,
+        campaign.alarms,
+        remove_background=campaign.reconstruct.remove_background,
+        keep_frames=campaign.retain.raw_frames == "all",
+    )
+
+
+def campaign_hash(campaign: Campaign, patterns: PatternSet) -> str:
+    """Hash of everything in a campaign that numbers depend on: not of where its files lie."""
+    settings = campaign.model_dump(mode="json", by_alias=True, exclude={"store", "patterns", "calibration"})
+    return _hash({**settings, "patterns": patterns.as_mapping()})
+
+
+def reconcile(ledger: Ledger, store: Store) -> None:
+    """Settle what a killed process left open: a slot whose scan is in the store was taken, any other was missed."""
+    pending = [row.planned for row in ledger.rows() if row.state == "planned"]
+    if not pending:
+        return
+    kept = {}
+    for number in range(len(store) - 1, -1, -1):
+        stored = store[number]
+        kept[stored.planned] = stored
+        if stored.planned <= min(pending):
+            break
+    for planned in pending:
+        if planned not in kept:
+            store.append(failed_tick(planned, planned, "missed", f"missed {format_instant(planned)}: {INTERRUPTED}"))
+            ledger.settle(planned, "missed", INTERRUPTED)
+            continue
+        change = kept[planned].change
+        if change is not None and change.motion.verdict == "failed":
+            ledger.settle(planned, "rejected", f"registration failed: {change.motion.reason}", kept[planned].number)
+        else:
+            ledger.settle(planned, "taken", scan=kept[planned].number)
+
+
+def _resume(campaign: Campaign, ledger: Ledger, now: Instant, once: bool) -> tuple[Slots, Instant]:
+    """Give the slots, and the newest one that has been dealt with, so that a restart stays on the same grid."""
+    if once:
+        return OnceSlots(now), now - NANOSECOND
+    if campaign.schedule.video is not None:
+        return make_slots(campaign, now), now - NANOSECOND
+    rows = [row.planned for row in ledger.rows()]
+    anchor = min(rows, default=_whole_second(now))
+    slots = make_slots(campaign, anchor)
+    for planned in sorted(rows, reverse=True):  # a single `microrelief scan` between two slots is none of them
+        if slots.after(planned - NANOSECOND) == planned:
+            return slots, planned
+    return slots, min(anchor, now) - NANOSECOND
+
+
+def _whole_second(moment: Instant) -> Instant:
+    whole: Instant = moment.astype("datetime64[s]").astype("datetime64[ns]")
+    return whole
+
+
+def _open_or_create(campaign: Campaign, calibration: Calibration, patterns: PatternSet, text: str) -> Store:
+    from pipelines.change import METRICS
+    from pipelines.reconstruction import footprint_grid
+
+    path, pitch_mm = campaign.store.path, campaign.grid.pitch_mm
+    units = {name: METRICS[name].unit for name in campaign.metrics}
+    if path.exists():
+        store = open_store(path, write=True, metrics=units)
+        grid = store.about.grid
+        if pitch_mm is not None and grid is not None and abs(grid.pitch_mm - pitch_mm) > 1e-9:
+            store.close()
+            raise InputError(
+                f"grid.pitch_mm is {pitch_mm:g}, but the store {path} has cells of {grid.pitch_mm:g} mm: "
+                "take the store's pitch, or give store.path another name"
+            )
+        return store
+    return create_store(
+        path,
+        site=campaign.site.name,
+        grid=footprint_grid(calibration, pitch_mm),
+        campaign=text,
+        campaign_hash=campaign_hash(campaign, patterns),
+        metrics=units,
+        software=f"microrelief {__version__}",
+        kind=campaign.store.kind,
+    )
+
+
+def _grid_of(store: Store) -> Grid:
+    grid = store.about.grid
+    if grid is None:
+        raise InputError(f"{store.about.location} has no grid: give store.path another name")
+    return grid
+
+
+def _calibration_of(file: Path) -> Calibration:
+    try:
+        return Calibration.from_json(file.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(
+            f"no calibration {file}: make it with "
+            f"`microrelief calibrate POSE_DIR... --board COLUMNSxROWS --square-mm MM --out {file}`"
+        ) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"calibration {file} cannot be read: {error}") from None
+    except ValueError as error:
+        raise InputError(f"{file} is no calibration: {error}") from None
+
+
+def _hash(value: object) -> str:
+    text = json.dumps(value, sort_keys=True, separators=(",", ":"), default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
