@@ -3,14 +3,13 @@
 from collections.abc import Callable
 
 from .board import Chessboard, Plane
-from .crack_network import CrackNetwork
+from .crack_network import CentreLines, CrackNetwork
 from .scene import Ground, Scene, SceneTruth
-from .soil import INTERIOR_MM, RIM_MM, Soil
+from .soil import Soil
 
 __all__ = [
-    "INTERIOR_MM",
-    "RIM_MM",
     "SCENES",
+    "CentreLines",
     "Chessboard",
     "CrackNetwork",
     "Ground",

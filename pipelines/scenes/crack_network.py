@@ -5,11 +5,23 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit
 
 from .scene import Array
 
-__all__ = ["CrackNetwork"]
+__all__ = ["CentreLines", "CrackNetwork"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CentreLines:
+    """Pieces of crack: their middles, lengths and unit normals, each of shape (n,), mm."""
+
+    x_mm: Array
+    y_mm: Array
+    length_mm: Array
+    normal_x: Array
+    normal_y: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,15 +53,23 @@ class CrackNetwork:
         shaped: Array = flat.reshape(u.shape)
         return shaped
 
-    def length(self, region_mm: tuple[float, float, float, float], step_mm: float = 0.01) -> float:
-        """Length of the centre lines inside a region, mm, summed along `step_mm` pieces of the bent edges."""
+    def plate(self, x_mm: Array, y_mm: Array) -> npt.NDArray[np.intp]:
+        """Number of the plate (row of `seeds`) that holds each place, shape of the places."""
+        from scipy.spatial import cKDTree
+
+        u, v = self._bent(np.asarray(x_mm, np.float64), np.asarray(y_mm, np.float64))
+        number: npt.NDArray[np.intp] = cKDTree(self.seeds).query(np.stack([u, v], axis=-1))[1]
+        return number
+
+    def lines(self, region_mm: tuple[float, float, float, float], step_mm: float = 0.01) -> CentreLines:
+        """Walk along the centre lines inside a region, in pieces of about `step_mm`."""
         from scipy.spatial import Voronoi
 
         far = 1e3 * np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]], np.float64)  # makes every ridge near us finite
         diagram = Voronoi(np.concatenate([self.seeds, far]))
         x_min, x_max, y_min, y_max = region_mm
         reach = 4 * max(abs(side) for side in region_mm)
-        total = 0.0
+        walked = [np.empty((5, 0))]
         for ends in diagram.ridge_vertices:
             if -1 in ends:
                 continue
@@ -64,8 +84,18 @@ class CrackNetwork:
             x, y = self._straight(places[:, 0], places[:, 1])
             xm, ym = (x[1:] + x[:-1]) / 2, (y[1:] + y[:-1]) / 2
             inside = (xm > x_min) & (xm < x_max) & (ym > y_min) & (ym < y_max)
-            total += float(np.hypot(np.diff(x), np.diff(y))[inside].sum())
-        return total
+            dx, dy = np.diff(x), np.diff(y)
+            length = np.hypot(dx, dy)
+            walked.append(np.stack([xm, ym, length, -dy / length, dx / length])[:, inside])
+        return CentreLines(*np.concatenate(walked, axis=1))
+
+    def stretch(self, lines: CentreLines, aside_mm: float = 0.02) -> Array:
+        """`distance` per mm of true distance beside each piece of the lines: 1 where the bend does nothing."""
+        across = np.zeros(lines.x_mm.size)
+        for side in (-aside_mm, aside_mm):
+            across += self.distance(lines.x_mm + side * lines.normal_x, lines.y_mm + side * lines.normal_y)
+        stretch: Array = across / (2 * aside_mm)
+        return stretch
 
     def _bent(self, x: Array, y: Array) -> tuple[Array, Array]:
         k = 2 * np.pi / self.bend_wavelength_mm

@@ -43,10 +43,11 @@ class SceneTruth:
     crack_length_mm : float
         Length of the centre lines.
     crack_opening_mm : float
-        Mean width over the length: `crack_area_mm2` / `crack_length_mm`.
+        Mean width across the centre lines at the later age, weighted by length.
     edge_lift_mm : float
-        How much the plates' rims rose against their interiors: mean change of height within `RIM_MM` of a crack's
-        wall, less the mean change farther than `INTERIOR_MM` from it.
+        How much the plates' edges rose over their interiors: on each plate the mean change of height 0.05 to 0.25 mm
+        from the crack's wall, less the mean farther from it than 0.6 of the greatest such distance; weighted over
+        plates by the area of their edges. Plates of less than 1 mm2 in the region do not count.
     """
 
     region_mm: tuple[float, float, float, float]

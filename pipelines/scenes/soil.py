@@ -5,17 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from .crack_network import CrackNetwork
 from .noise import fractal, grains
 from .scene import Array, SceneTruth
 
-__all__ = ["INTERIOR_MM", "RIM_MM", "Soil"]
+__all__ = ["Soil"]
 
-RIM_MM = 0.30
-"""A plate's rim reaches so far from the crack's wall."""
-INTERIOR_MM = 1.20
-"""A plate's interior begins so far from the crack's wall."""
+# The truth is told in the terms in which pipelines.change defines edge lift; a scene knows nothing of that room.
+EDGE_BAND_MM = 0.05, 0.25
+INTERIOR_SHARE = 0.6
+LEAST_PLATE_MM2 = 1.0
 
 CURL_DECAY_MM = 0.8
 HOLDER_SOFTNESS_MM = 0.03
@@ -84,17 +85,18 @@ class Soil:
         dz = ground.height(after_h) - ground.height(before_h)
         cell = (self.side_mm / count) ** 2
         wall = ground.distance - ground.width(after_h) / 2
-        rim, interior = (wall >= 0) & (wall < RIM_MM), wall > INTERIOR_MM
-        area = float(np.count_nonzero(wall < 0)) * cell
-        length = self.cracks().length(self.region_mm)
+        cracks = self.cracks()
+        plates = cracks.plate(*np.broadcast_arrays(axis[None, :], axis[:, None]))
+        lines = cracks.lines(self.region_mm)
+        widths = self.at(lines.x_mm, lines.y_mm).width(after_h) / cracks.stretch(lines)
         return SceneTruth(
             region_mm=self.region_mm,
             net_volume_mm3=float(dz.sum()) * cell,
             plate_volume_mm3=float(dz[wall >= 0].sum()) * cell,
-            crack_area_mm2=area,
-            crack_length_mm=length,
-            crack_opening_mm=area / length,
-            edge_lift_mm=float(dz[rim].mean() - dz[interior].mean()),
+            crack_area_mm2=float(np.count_nonzero(wall < 0)) * cell,
+            crack_length_mm=float(lines.length_mm.sum()),
+            crack_opening_mm=float(np.average(widths, weights=lines.length_mm)),
+            edge_lift_mm=_edge_lift(dz, wall, plates, cell),
         )
 
 
@@ -151,3 +153,18 @@ class SoilGround:
 
 def _dryness(elapsed_h: float, drying_h: float) -> float:
     return float(1 - np.exp(-max(0.0, elapsed_h) / drying_h))
+
+
+def _edge_lift(dz: Array, wall: Array, plates: npt.NDArray[np.intp], cell_mm2: float) -> float:
+    """See `SceneTruth.edge_lift_mm`; `wall` is the distance to the nearest crack's wall."""
+    lifts, weights = [], []
+    for number in np.unique(plates):
+        inside = (plates == number) & (wall >= 0)
+        if np.count_nonzero(inside) * cell_mm2 < LEAST_PLATE_MM2:
+            continue
+        edge = inside & (wall > EDGE_BAND_MM[0]) & (wall < EDGE_BAND_MM[1])
+        interior = inside & (wall > max(EDGE_BAND_MM[1], INTERIOR_SHARE * float(wall[inside].max())))
+        if edge.any() and interior.any():
+            lifts.append(float(dz[edge].mean() - dz[interior].mean()))
+            weights.append(int(np.count_nonzero(edge)))
+    return float(np.average(lifts, weights=weights)) if lifts else 0.0

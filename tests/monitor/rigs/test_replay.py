@@ -39,7 +39,7 @@ def test_natural_order_then_an_end_that_says_so(folder: Path, preload: bool) -> 
     rig = ReplayRig(folder=folder, preload=preload)
     rig.open()
     assert _numbers(rig, 3) == [1, 2, 10]
-    with pytest.raises(CaptureError, match="all 3 captures of .* have been replayed; set loop: true"):
+    with pytest.raises(CaptureError, match=r"all 3 captures of .* have been replayed; set loop: true"):
         rig.capture(PATTERNS, NOW)
     rig.close()
     rig.open()
