@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Literal
 
@@ -150,15 +151,14 @@ def find_corners(image: npt.NDArray[np.uint8], board: Board, label: str) -> tupl
     """
     across, along = board.inner_corners
     sizes = [(across, along), (along, across)] if across != along else [(across, along)]
-    for size in sizes:
-        corners = _corners(image, size)
-        if corners is not None:
-            return corners, size
-    likely = _guess(image, board)
-    if likely is not None:
+    found = next(((corners, size) for size in sizes if (corners := _corners(image, size)) is not None), None)
+    likely = _guess(image)
+    if found is not None and (likely is None or math.prod(likely) <= math.prod(found[1])):
+        return found
+    if likely is not None and sorted(likely) != sorted(board.inner_corners):
         raise ValueError(
             f"{label}: no board of {board.size_text} inner corners, but the board looks like "
-            f"{likely[0]}x{likely[1]}: give --board {likely[0]}x{likely[1]}"
+            f"{likely[0]}x{likely[1]}: give --board {likely[0]}x{likely[1]}, or show the whole board"
         )
     raise ValueError(
         f"{label}: no board of {board.size_text} inner corners found: is it whole in the image, lit and sharp?"
@@ -180,16 +180,14 @@ def _corners(image: npt.NDArray[np.uint8], size: tuple[int, int]) -> Floats | No
     return np.asarray(refined, dtype=np.float64).reshape(-1, 2)
 
 
-def _guess(image: npt.NDArray[np.uint8], board: Board) -> tuple[int, int] | None:
-    """Try neighbouring sizes, largest first: a smaller board is also found inside a larger one."""
+def _guess(image: npt.NDArray[np.uint8]) -> tuple[int, int] | None:
+    """Give the size of the largest board in the image, longer side first."""
     import cv2
 
-    found: list[tuple[int, int]] = []
-    flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_LARGER
-    ok, _, meta = cv2.findChessboardCornersSBWithMeta(image, (3, 3), flags)
-    if ok and meta is not None:
-        rows, columns = meta.shape[:2]
-        found.append((int(columns), int(rows)))
-    if found and sorted(found[0]) != sorted(board.inner_corners):
-        return max(found[0]), min(found[0])
+    flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_LARGER
+    for least in ((4, 5), (3, 3)):  # the smaller one finds only a part of some large boards
+        ok, _, meta = cv2.findChessboardCornersSBWithMeta(image, least, flags)
+        if ok and meta is not None:
+            rows, columns = meta.shape[:2]
+            return max(columns, rows), min(columns, rows)
     return None

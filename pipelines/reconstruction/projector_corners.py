@@ -116,8 +116,9 @@ def _plane(decoded: Decoded, corners: Floats, inner_corners: tuple[int, int]) ->
     step = max(1, math.isqrt(max(r1 - r0, 0) * max(c1 - c0, 0) // MOST_PIXELS))
     rows, columns = np.mgrid[r0:r1:step, c0:c1:step]
     source = np.stack([columns, rows], axis=-1).reshape(-1, 2).astype(np.float64)
-    target = np.stack([decoded.column[r0:r1:step, c0:c1:step], decoded.row[r0:r1:step, c0:c1:step]], axis=-1)
-    target = target.reshape(-1, 2).astype(np.float64)
+    window = slice(r0, r1, step), slice(c0, c1, step)
+    both = np.stack([decoded.column[window], decoded.row[window]], axis=-1)
+    target: Floats = both.reshape(-1, 2).astype(np.float64)
     keep = finite(target) & _inside(source, hull)
     source, target = source[keep], target[keep]
     if len(source) < 500:
