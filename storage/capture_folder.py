@@ -82,7 +82,7 @@ def read_capture(folder: str | Path, patterns: PatternSet | None = None) -> Fram
     if len(stack) != len(patterns.roles):
         raise InputError(f"{folder}: found {len(stack)} frames, the pattern set has {len(patterns.roles)}")
     if stack.dtype == np.uint16 and about.get("bits") != 16 and int(stack.max()) <= TWELVE_BITS:
-        stack <<= 4
+        stack = (stack * np.uint16(16)).astype(np.uint16)
     frames = Frames(stack, _time_of(folder, about, first), patterns, _exposure(folder, about))
     better = suggest_order(frames)
     if better:
@@ -220,7 +220,7 @@ def _read_images(files: Sequence[Path]) -> Image:
             )
         if image.dtype != common[1]:
             raise InputError(f"{file}: has {8 * image.itemsize} bits, most frames have {8 * common[1].itemsize}")
-    stack: Image = np.stack(images)  # type: ignore[assignment]  # the loop above saw one dtype, numpy's stub forgets it
+    stack: npt.NDArray[Any] = np.stack(images)
     return stack
 
 
@@ -246,7 +246,7 @@ def _read_image(file: Path) -> Image:
     return grey
 
 
-def _read_stack(file: Path) -> Image:
+def _read_stack(file: Path) -> npt.NDArray[Any]:
     try:
         stack: npt.NDArray[Any] = np.load(file, allow_pickle=False)
     except (OSError, ValueError) as error:
@@ -255,8 +255,7 @@ def _read_stack(file: Path) -> Image:
         raise InputError(
             f"{file}: must be (frame, row, column) in uint8 or uint16, not {stack.dtype} of shape {stack.shape}"
         )
-    frames: Image = np.ascontiguousarray(stack)
-    return frames
+    return np.ascontiguousarray(stack)
 
 
 def _time_of(folder: Path, about: Mapping[str, Any], first: Path) -> Instant:

@@ -1,8 +1,9 @@
 """Compiled inner loops of decoding: one pass over the frames, a block of pixels at a time.
 
-A stack is (frame, pixel); a block of pixels of all frames fits the second-level cache and the block's words and
-thresholds the first-level one, so that every byte of the stack is read from memory once. The loops compare and
-shift without branches, which lets the compiler use vector instructions.
+A stack is (frame, pixel). A block of pixels is decoded from the first frame to the last before the next block, so that
+words, doubts and limits stay in cache and every byte of the stack is read from memory once. The loops compare and
+shift without branches and read few arrays each: then the compiler can prove that they do not overlap what is
+written, and uses vector instructions.
 """
 
 from __future__ import annotations
@@ -13,14 +14,160 @@ import numpy.typing as npt
 
 __all__ = ["decode_words"]
 
-BLOCK = 4096
+BLOCK = 16384
+NOT_MEASURED = 255
+MOST_DOUBTS = 5
+
 U8 = npt.NDArray[np.uint8]
 U16 = npt.NDArray[np.uint16]
 F32 = npt.NDArray[np.float32]
+I32 = npt.NDArray[np.int32]
 I64 = npt.NDArray[np.int64]
 
 
-@numba.njit(cache=True, nogil=True, fastmath={"contract", "arcp"}, error_model="numpy")  # type: ignore[untyped-decorator]
+@numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
+def _three(p0: U8, n0: U8, p1: U8, n1: U8, p2: U8, n2: U8, limit: U8, code: U8) -> None:
+    """Three bits of a block: word in bits 0-2 of `code`, doubts in bits 4-6."""
+    narrow = limit.dtype.type  # numba widens to 64 bits, which costs the vectors their width
+    for i in range(code.size):
+        a0, b0, a1, b1, a2, b2 = p0[i], n0[i], p1[i], n1[i], p2[i], n2[i]
+        least = limit[i]
+        one = np.uint8(4) if a0 > b0 else np.uint8(0)
+        two = np.uint8(2) if a1 > b1 else np.uint8(0)
+        four = np.uint8(1) if a2 > b2 else np.uint8(0)
+        eight = np.uint8(64) if least > narrow(max(a0, b0) - min(a0, b0)) else np.uint8(0)
+        nine = np.uint8(32) if least > narrow(max(a1, b1) - min(a1, b1)) else np.uint8(0)
+        ten = np.uint8(16) if least > narrow(max(a2, b2) - min(a2, b2)) else np.uint8(0)
+        code[i] = one | two | four | eight | nine | ten
+
+
+@numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
+def _one(p: U8, n: U8, limit: U8, code: U8) -> None:
+    """One bit of a block: word in bit 0 of `code`, doubt in bit 4."""
+    narrow = limit.dtype.type
+    for i in range(code.size):
+        a, b = p[i], n[i]
+        word = np.uint8(1) if a > b else np.uint8(0)
+        doubt = np.uint8(16) if limit[i] > narrow(max(a, b) - min(a, b)) else np.uint8(0)
+        code[i] = word | doubt
+
+
+@numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
+def _append(words: U16, doubts: U16, code: U8, factor: np.uint16) -> None:
+    """Shift words and doubts by the bits of `code`, a power of two given as `factor`, and add those."""
+    for i in range(code.size):
+        words[i] = np.uint16(words[i] * factor) | np.uint16(code[i] & np.uint8(7))
+    for i in range(code.size):
+        doubts[i] = np.uint16(doubts[i] * factor) | np.uint16(code[i] >> np.uint8(4))
+
+
+@numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
+def _light(w: U8, b: U8, swing: U8, middle: U8, limit: U8, relative: int, floor: int, halves: int) -> None:
+    """White minus black (0 where black is brighter), their mean, and the least swing of a certain bit."""
+    narrow = swing.dtype.type
+    share = np.uint32(relative)
+    shift = np.uint32(8 + halves)
+    lowest = narrow(floor)
+    for i in range(swing.size):
+        swing[i] = narrow(max(w[i], b[i]) - b[i])
+    if halves:
+        for i in range(swing.size):
+            middle[i] = np.uint32(np.uint32(w[i]) + np.uint32(b[i])) >> np.uint32(1)
+    for i in range(swing.size):
+        part = narrow(np.uint32(np.uint32(swing[i]) * share) >> shift)
+        limit[i] = max(part, lowest)
+
+
+# an approximate root is good enough for an uncertainty
+@numba.njit(cache=True, nogil=True, inline="never", error_model="numpy", fastmath=True)  # type: ignore[untyped-decorator]
+def _spread(swing: U8, jitter: float, spread: F32) -> None:
+    """Standard uncertainty in cells: uniform within a cell, and the noise of its edges."""
+    noise = np.float32(jitter)
+    for i in range(swing.size):
+        ratio = noise / np.float32(swing[i])
+        spread[i] = np.sqrt(np.float32(1 / 12) + ratio * ratio)
+
+
+@numba.njit(cache=True, nogil=True, inline="never", error_model="numpy")  # type: ignore[untyped-decorator]
+def _place_gray(
+    words: U16, doubts: U16, swing: U8, least: int, scale: float, origin: float, length: int, out: F32
+) -> None:
+    """Gray words to projector pixels, NaN where unlit, outside or in doubt.
+
+    At most one bit may be in doubt, and only where flipping it leads to the cell next door: the bits below it
+    are then 1 and all 0.
+    """
+    nan = np.float32(np.nan)
+    step, first = np.float32(scale), np.float32(origin)
+    low, high = np.float32(-0.5), np.float32(length - 0.5)
+    lit = swing.dtype.type(least)
+    one, two, four, eight = np.uint16(1), np.uint16(2), np.uint16(4), np.uint16(8)
+    none = np.uint16(0)
+    for i in range(out.size):
+        word = words[i]
+        doubt = doubts[i]
+        below = np.uint16(doubt - one)
+        # without a doubt `below` is all ones, and the second test would ask for a word of zeros
+        rest = np.uint16(np.uint16(word & below) ^ np.uint16(doubt >> one)) if doubt != none else none
+        fault = np.uint16(np.uint16(doubt & below) | rest)
+        number = np.uint16(word ^ np.uint16(word >> one))
+        number = np.uint16(number ^ np.uint16(number >> two))
+        number = np.uint16(number ^ np.uint16(number >> four))
+        number = np.uint16(number ^ np.uint16(number >> eight))
+        place = np.float32(number) * step + first
+        good = (fault == none) & (swing[i] >= lit) & (place > low) & (place < high)
+        out[i] = place if good else nan
+
+
+@numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
+def _uncertainty(place: F32, spread: F32, width: float, sigma: F32) -> None:
+    cell, none = np.float32(width), np.float32(0)
+    for i in range(sigma.size):
+        sigma[i] = cell * spread[i] + none * place[i]  # NaN where the place is
+
+
+@numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
+def _place_table(
+    words: U16, doubts: U16, swing: U8, least: int, cell: I32, first: I32, last: I32, spread: F32, out: F32, sigma: F32
+) -> None:
+    """Words of any code to projector pixels by its codebook, NaN where unlit or ambiguous.
+
+    The cells that agree with every certain bit must be one, or two next to each other: then the pixel lies on
+    their edge, or in that of the two whose word it reads.
+    """
+    for i in range(out.size):
+        out[i] = np.nan
+        sigma[i] = np.nan
+        if swing[i] < least:
+            continue
+        doubt = np.int64(doubts[i])
+        word = np.int64(words[i])
+        own = cell[word]
+        low, high = own, own
+        if doubt:
+            count = 0
+            rest = doubt
+            while rest:
+                rest &= rest - 1
+                count += 1
+            if count > MOST_DOUBTS:
+                continue
+            flip = doubt
+            while flip:  # every way to read the uncertain bits
+                other = cell[word ^ flip]
+                if other >= 0:
+                    low = other if low < 0 else min(low, other)
+                    high = max(high, other)
+                flip = (flip - 1) & doubt
+        if low < 0 or high - low > 1:
+            continue
+        if own >= 0:
+            low = high = own
+        out[i] = 0.25 * (first[low] + last[low] + first[high] + last[high])
+        sigma[i] = spread[i] * 0.5 * (last[low] - first[low] + last[high] - first[high] + 2)
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
 def decode_words(
     stack: U8 | U16,
     white: int,
@@ -28,73 +175,92 @@ def decode_words(
     plus: I64,
     minus: I64,
     bits: I64,
-    position: F32,
-    spread: F32,
-    forbidden: U16,
-    relative: float,
-    floor: float,
-    least: float,
+    limits: tuple[int, int, int],
+    cells: F32,
+    table: I32,
     jitter: float,
-    shift: int,
     out: F32,
     sigma: F32,
-    level: U8,
-    texture: U8,
-    contrast: U8,
+    maps: U8,
 ) -> None:
-    """Decode the stripe patterns of both axes; see `decode.decode` for what the numbers mean."""
+    """Decode the stripe patterns of both axes; `decode.decode` says what the numbers mean.
+
+    Parameters
+    ----------
+    stack : ndarray, shape (frame, pixel)
+    white, black : int
+        Frames.
+    plus, minus : ndarray, shape (2, bits)
+        Frame of each bit and of its inverse (-1: none), coarsest first, for columns and rows.
+    bits : ndarray, shape (2,)
+    limits : (int, int, int)
+        Least swing of a certain bit, in 1/256 of white minus black and in counts; least white minus black.
+    cells : ndarray of float32, shape (2, 3)
+        Of each axis in Gray code: px per cell, centre of word 0, length of the axis; 0 px: use `table`.
+    table : ndarray of int32, shape (2, 3, words)
+        Of each axis: cell of each word (-1: none), first and last px of each cell.
+    jitter : float
+        Noise of pattern minus inverse, counts.
+    out, sigma : ndarray of float32, shape (2, pixel)
+        Filled: projector px and standard uncertainty.
+    maps : ndarray of uint8, shape (3, pixel)
+        Filled: level, texture, contrast.
+    """
     pixels = stack.shape[1]
-    word = np.empty((2, BLOCK), np.uint16)
-    unsure = np.empty((2, BLOCK), np.uint16)
+    swing = np.empty(BLOCK, stack.dtype)
+    middle = np.empty(BLOCK, stack.dtype)
     limit = np.empty(BLOCK, stack.dtype)
-    swing = np.empty(BLOCK, np.float32)
+    code = np.empty(BLOCK, np.uint8)
+    spread = np.empty(BLOCK, np.float32)
+    words = np.empty(BLOCK, np.uint16)
+    doubts = np.empty(BLOCK, np.uint16)
+    shift = 8 * (stack.itemsize - 1)
+    halves = 1 if minus[0, 0] < 0 and minus[1, 0] < 0 else 0
     for start in range(0, pixels, BLOCK):
-        size = min(BLOCK, pixels - start)
-        w = stack[white, start : start + size]
-        b = stack[black, start : start + size]
-        top = np.float32(2 ** (8 * stack.itemsize) - 1)
+        stop = min(start + BLOCK, pixels)
+        size = stop - start
+        w, b = stack[white, start:stop], stack[black, start:stop]
+        lit, mid, low, part = swing[:size], middle[:size], limit[:size], code[:size]
+        _light(w, b, lit, mid, low, limits[0], limits[1] >> halves, halves)
+        _spread(lit, jitter, spread[:size])
+        level, texture, contrast = maps[0, start:stop], maps[1, start:stop], maps[2, start:stop]
         for i in range(size):
-            difference = np.float32(w[i]) - np.float32(b[i])
-            swing[i] = difference
-            limit[i] = min(max(np.float32(relative) * difference, np.float32(floor)), top)
-            texture[start + i] = w[i] >> shift
-            contrast[start + i] = np.uint8(max(difference, np.float32(0))) if shift == 0 else 0
-            level[start + i] = 255
-        if shift:
-            for i in range(size):
-                contrast[start + i] = np.uint8(max(swing[i], np.float32(0)) * np.float32(1 / 256))
+            texture[i] = np.uint8(w[i] >> shift)
+        for i in range(size):
+            contrast[i] = np.uint8(lit[i] >> shift)
+        level[:] = np.uint8(0)
         for axis in range(2):
-            words = word[axis]
-            doubts = unsure[axis]
+            place = out[axis, start:stop]
+            if bits[axis] == 0:
+                place[:] = np.float32(np.nan)
+                sigma[axis, start:stop] = np.float32(np.nan)
+                continue
             words[:size] = 0
             doubts[:size] = 0
-            for bit in range(bits[axis]):
-                p = stack[plus[axis, bit], start : start + size]
-                if minus[axis, bit] >= 0:
-                    n = stack[minus[axis, bit], start : start + size]
-                    for i in range(size):
-                        words[i] = (words[i] << 1) | np.uint16(p[i] > n[i])
-                        doubts[i] = (doubts[i] << 1) | np.uint16(max(p[i], n[i]) - min(p[i], n[i]) < limit[i])
+            bit = 0
+            while bit < bits[axis]:
+                p0 = stack[plus[axis, bit], start:stop]
+                n0 = mid if halves else stack[minus[axis, bit], start:stop]
+                if bit + 3 <= bits[axis]:
+                    p1, p2 = stack[plus[axis, bit + 1], start:stop], stack[plus[axis, bit + 2], start:stop]
+                    n1 = mid if halves else stack[minus[axis, bit + 1], start:stop]
+                    n2 = mid if halves else stack[minus[axis, bit + 2], start:stop]
+                    _three(p0, n0, p1, n1, p2, n2, low, part)
+                    _append(words[:size], doubts[:size], part, np.uint16(8))
+                    bit += 3
                 else:
-                    for i in range(size):
-                        double = 2 * np.int32(p[i]) - np.int32(w[i]) - np.int32(b[i])
-                        words[i] = (words[i] << 1) | np.uint16(double > 0)
-                        doubts[i] = (doubts[i] << 1) | np.uint16(abs(double) < np.int32(limit[i]))
-        for axis in range(2):
-            if bits[axis] == 0:
-                continue
-            words = word[axis]
-            doubts = unsure[axis]
-            centres = position[axis]
-            spreads = spread[axis]
-            masks = forbidden[axis]
-            for i in range(size):
-                code = words[i]
-                doubt = doubts[i]
-                # at most one uncertain bit, and only where flipping it leads to the cell next door
-                good = (doubt & (doubt - 1) == 0) & (doubt & masks[code] == 0) & (swing[i] >= np.float32(least))
-                ratio = np.float32(jitter) / swing[i]
-                out[axis, start + i] = centres[code] if good else np.float32(np.nan)
-                sigma[axis, start + i] = (
-                    spreads[code] * np.sqrt(np.float32(1 / 12) + ratio * ratio) if good else np.float32(np.nan)
+                    _one(p0, n0, low, part)
+                    _append(words[:size], doubts[:size], part, np.uint16(2))
+                    bit += 1
+            error = sigma[axis, start:stop]
+            wide, origin, length = cells[axis]
+            if wide > 0:
+                _place_gray(words[:size], doubts[:size], lit, limits[2], wide, origin, length, place)
+                _uncertainty(place, spread[:size], wide, error)
+            else:
+                cell, first, last = table[axis]
+                _place_table(
+                    words[:size], doubts[:size], lit, limits[2], cell, first, last, spread[:size], place, error
                 )
+            for i in range(size):
+                level[i] = level[i] if place[i] == place[i] else np.uint8(NOT_MEASURED)
