@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from threading import Event as Flag
@@ -14,7 +14,7 @@ import numpy as np
 
 from configs import Campaign, InputError
 from pipelines import Calibration, Grid, Instant, PatternSet, format_instant
-from storage import Ledger, Store, create_store, ledger_beside, open_store
+from storage import Ledger, LedgerRow, Store, create_store, ledger_beside, open_store
 
 from . import __version__
 from .clock import Clock
@@ -23,7 +23,16 @@ from .rigs import BOARD, Rig, calibration_captures, make_rig
 from .scheduler import OnceSlots, Slots, grace_of, make_slots
 from .visit import Recipe, failed_tick
 
-__all__ = ["campaign_hash", "make_recipe", "read_calibration", "read_pattern_set", "reconcile", "run_campaign"]
+__all__ = [
+    "campaign_hash",
+    "make_recipe",
+    "read_calibration",
+    "read_pattern_set",
+    "reconcile",
+    "resume_point",
+    "run_campaign",
+    "simulated_calibration_file",
+]
 
 INTERRUPTED = "the process ended during this scan"
 NANOSECOND = np.timedelta64(1, "ns")
@@ -37,6 +46,7 @@ def run_campaign(
     store: Store | None = None,
     ledger: Ledger | None = None,
     on_settled: Callable[[Settled], None] | None = None,
+    on_wait: Callable[[Instant], None] | None = None,
     on_stage: Callable[[str], None] | None = None,
     max_scans: int | None = None,
     stop: Flag | None = None,
@@ -58,6 +68,8 @@ def run_campaign(
         Must be given with `store`.
     on_settled : callable, optional
         Told of each slot once it is settled and, where it gave a scan, that scan is durable.
+    on_wait : callable, optional
+        Told of the next slot before it is waited for.
     on_stage : callable, optional
         Told in words what is being done before the first visit (calibrating takes its time).
     max_scans : int, optional
@@ -100,7 +112,7 @@ def run_campaign(
             ledger = Ledger(ledger_beside(campaign.store.path))
             stack.callback(ledger.close)
         reconcile(ledger, store)
-        slots, last = _resume(campaign, ledger, clock.now(), now)
+        slots, last = _resume(campaign, ledger.rows(), clock.now(), now)
         loop = Loop(
             slots,
             lambda slot: grace_of(campaign, slots, slot),
@@ -111,6 +123,7 @@ def run_campaign(
             clock,
             last,
             on_settled or (lambda settled: None),
+            on_wait or (lambda slot: None),
             stop or Flag(),
             rig_is_open=True,
         )
@@ -221,13 +234,25 @@ def reconcile(ledger: Ledger, store: Store) -> None:
             ledger.settle(planned, "taken", scan=kept[planned].number)
 
 
-def _resume(campaign: Campaign, ledger: Ledger, now: Instant, once: bool) -> tuple[Slots, Instant]:
+def resume_point(campaign: Campaign, now: Instant) -> tuple[Slots, Instant]:
+    """Give a campaign's slots, and the newest one that has been dealt with; changes nothing."""
+    beside = ledger_beside(campaign.store.path)
+    if not beside.exists():
+        return _resume(campaign, (), now, False)
+    ledger = Ledger(beside, write=False)
+    try:
+        return _resume(campaign, ledger.rows(), now, False)
+    finally:
+        ledger.close()
+
+
+def _resume(campaign: Campaign, known: Sequence[LedgerRow], now: Instant, once: bool) -> tuple[Slots, Instant]:
     """Give the slots, and the newest one that has been dealt with, so that a restart stays on the same grid."""
     if once:
         return OnceSlots(now), now - NANOSECOND
     if campaign.schedule.video is not None:
         return make_slots(campaign, now), now - NANOSECOND
-    rows = [row.planned for row in ledger.rows()]
+    rows = [row.planned for row in known]
     anchor = min(rows, default=_whole_second(now))
     slots = make_slots(campaign, anchor)
     for planned in sorted(rows, reverse=True):  # a single `microrelief scan` between two slots is none of them

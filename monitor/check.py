@@ -15,6 +15,7 @@ from storage import STORES
 
 from .rigs import RIGS, make_rig, rig_options
 from .scheduler import check_cron
+from .visit import limits_of
 
 __all__ = ["campaign_schema", "load_checked"]
 
@@ -68,6 +69,10 @@ def _problems(campaign: Campaign) -> Iterator[Problem]:
         metric = METRICS.get(alarm.metric)
         if metric is not None and alarm.unit is not None and alarm.unit != metric.unit:
             yield ("alarms", index, "unit"), f"{alarm.metric} is in {metric.unit}, not {alarm.unit!r}"
+        try:
+            limits_of(alarm)
+        except ValueError as error:
+            yield ("alarms", index), str(error)
     if campaign.calibration.simulated and campaign.rig.name != "simulated":
         text = f"only the simulated rig can calibrate itself, not {campaign.rig.name!r}: give file: calibration.json"
         yield ("calibration", "simulated"), text
@@ -100,7 +105,7 @@ def _pattern_problems(mapping: dict[str, Any]) -> Iterator[Problem]:
     except ValueError as error:
         named = re.match(r"(?:pattern(?: set)? )?([a-z_]+)\b", str(error))
         key = named[1] if named is not None and named[1] in mapping else None
-        yield ("patterns", key) if key is not None else ("patterns",), str(error)
+        yield ("patterns", key) if key is not None else ("patterns",), str(error).removeprefix(f"{key}: ")
 
 
 def _with_absolute_options(campaign: Campaign, folder: Path) -> Campaign:

@@ -53,6 +53,8 @@ class Settled:
         Of the scan, once it is durable; None where there is none.
     tick : Tick or None
         None for a missed slot.
+    unavailable : bool
+        The device was not there: a later try may work.
     lag_s : float
         How long after the slot the visit began; NaN for a missed slot.
     took_s : float
@@ -64,25 +66,39 @@ class Settled:
     cause: str = ""
     number: int | None = None
     tick: Tick | None = None
+    unavailable: bool = False
     lag_s: float = float("nan")
     took_s: float = float("nan")
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a run did: how many slots ended in each state, and the lag of each visit, s."""
+    """What a run did.
+
+    Parameters
+    ----------
+    taken, missed, rejected, failed : int
+        Slots that ended so; `missed` counts those of before the run too.
+    away : int
+        Of `missed`, the slots of before the run, when nothing ran.
+    lags_s : tuple of float
+        How late each visit began.
+    stopped : bool
+        It was asked to stop before the schedule was over.
+    """
 
     taken: int = 0
     missed: int = 0
     rejected: int = 0
     failed: int = 0
+    away: int = 0
     lags_s: tuple[float, ...] = ()
     stopped: bool = False
 
     @property
     def degraded(self) -> bool:
-        """Whether any slot did not end well."""
-        return bool(self.missed or self.rejected or self.failed)
+        """Whether any slot did not end well while this ran."""
+        return self.missed > self.away or bool(self.rejected or self.failed)
 
 
 @dataclass(slots=True)
@@ -97,8 +113,8 @@ class Loop:
     rig, store, ledger, clock
     last : Instant
         The newest slot that has been dealt with; the next is the first after it.
-    on_settled : callable
-        Told of each slot once it is settled and durable.
+    on_settled, on_wait : callable
+        Told of each slot once it is settled and durable, and of the next one before it is waited for.
     stop : threading.Event
         Set from a signal: the scan under way is finished, and no other begun.
     work : callable
@@ -114,6 +130,7 @@ class Loop:
     clock: Clock
     last: Instant
     on_settled: Callable[[Settled], None] = lambda settled: None
+    on_wait: Callable[[Instant], None] = lambda slot: None
     stop: Flag = field(default_factory=Flag)
     work: Callable[[Frames, Recipe, Epoch | None, Instant], Yield] = visit
     rig_is_open: bool = False
@@ -121,6 +138,8 @@ class Loop:
     _started: Instant = field(init=False)
     _busy_until: Instant = field(init=False)
     _counts: dict[State, int] = field(default_factory=lambda: dict.fromkeys(get_args(State), 0))
+    _away: int = 0
+    _unavailable: bool = False
     _lags: list[float] = field(default_factory=list)
 
     def run(self, max_scans: int | None = None) -> Outcome:
@@ -134,6 +153,7 @@ class Loop:
             slot = self.slots.after(self.last)
             if slot is None:
                 break
+            self.on_wait(slot)
             self.clock.wait_until(slot, self.stop)
             if self.stop.is_set():
                 break
@@ -141,7 +161,7 @@ class Loop:
             if slot is not None:
                 self._visit(slot)
                 visits += 1
-        return Outcome(**self._counts, lags_s=tuple(self._lags), stopped=self.stop.is_set())
+        return Outcome(**self._counts, away=self._away, lags_s=tuple(self._lags), stopped=self.stop.is_set())
 
     def _newest_due(self, slot: Instant) -> Instant | None:
         """Of all slots that are due, miss all but the newest, and that too if its grace is over."""
@@ -163,6 +183,8 @@ class Loop:
         for planned in missed:
             self.ledger.settle(planned, "missed", cause)
         self.last = missed[-1]
+        if cause == NOT_RUNNING:
+            self._away += len(missed)
         span = " to ".join(dict.fromkeys((format_instant(missed[0]), format_instant(missed[-1]))))
         text = f"missed {len(missed)} {'slot' if len(missed) == 1 else 'slots'}, {span}: {cause}"
         self._append(failed_tick(missed[-1], now, "missed", text))
@@ -175,6 +197,7 @@ class Loop:
         lag = seconds_between(planned, began)
         self.ledger.plan(planned)
         self.last = planned
+        self._unavailable = False
         tick, state, cause = self._work(planned, began)
         number = self._append(tick)
         if number is None and tick.scan is not None:
@@ -185,7 +208,7 @@ class Loop:
         self._busy_until = self.clock.now()
         took = seconds_between(began, self._busy_until)
         self._lags.append(lag)
-        self._tell(Settled(planned, state, cause, number, tick, lag, took))
+        self._tell(Settled(planned, state, cause, number, tick, self._unavailable, lag, took))
 
     def _work(self, planned: Instant, began: Instant) -> tuple[Tick, State, str]:
         try:
@@ -194,6 +217,7 @@ class Loop:
                 self.rig_is_open = True
             frames = self.rig.capture(self.recipe.patterns, began)
         except DeviceUnavailable as error:
+            self._unavailable = True
             self._close_rig()
             return failed_tick(planned, began, "failed", str(error)), "failed", str(error)
         except CaptureError as error:

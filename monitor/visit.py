@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from configs import Alarm, CaptureError
 from pipelines import (
+    LEVEL_NONE,
     AlarmState,
     Calibration,
     Comparison,
@@ -24,7 +25,10 @@ from pipelines import (
     Tick,
 )
 
-__all__ = ["Epoch", "Recipe", "State", "Yield", "failed_tick", "make_scan", "visit"]
+if TYPE_CHECKING:
+    from pipelines.trends import Limits
+
+__all__ = ["Epoch", "Recipe", "State", "Yield", "failed_tick", "limits_of", "make_scan", "visit"]
 
 State = Literal["taken", "missed", "rejected", "failed"]
 """How a planned slot ends."""
@@ -90,9 +94,33 @@ def make_scan(frames: Frames, recipe: Recipe) -> Scan:
 
     points = reconstruct(frames, recipe.calibration)
     scan = to_scan(points, recipe.calibration, recipe.grid, frames.time, remove_background=recipe.remove_background)
+    scan = _without_wild_cells(scan)
     if not np.isfinite(scan.height).any():
         raise CaptureError("no cell was measured: is the projector on, and the object in the field of view?")
     return scan
+
+
+WILD = 20.0
+"""A cell this many times less certain than the median one tells nothing: its rays nearly miss each other."""
+
+
+def _without_wild_cells(scan: Scan) -> Scan:
+    """Drop cells that a gross misreading put far off, so that one cell never costs a whole scan."""
+    measured = np.isfinite(scan.height)
+    if not measured.any():
+        return scan
+    reach = min(scan.grid.shape) * scan.grid.pitch_mm / 2  # deeper than half the field, nothing is in the focus
+    typical = np.float32(np.median(scan.sigma[measured]))
+    wild = measured & ((scan.sigma > WILD * typical) | (np.abs(scan.height - np.median(scan.height[measured])) > reach))
+    if not wild.any():
+        return scan
+    nothing = np.float32(np.nan)
+    return replace(
+        scan,
+        height=np.where(wild, nothing, scan.height),
+        sigma=np.where(wild, nothing, scan.sigma),
+        level=np.where(wild, np.uint8(LEVEL_NONE), scan.level),
+    )
 
 
 def visit(frames: Frames, recipe: Recipe, epoch: Epoch | None, planned: Instant) -> Yield:
@@ -152,16 +180,19 @@ def failed_tick(planned: Instant, at: Instant, kind: Literal["failed", "rejected
 
 
 def judge_alarm(alarm: Alarm, measurement: Measurement | None) -> AlarmState:
-    """Say where an alarm stands: the plain comparison of a value with its limits; no value is "no data"."""
-    from pipelines.trends import Limits, judge
+    """Say where an alarm stands; without a value it is "no data"."""
+    from pipelines.trends import judge
 
-    limits = Limits(
-        warn_above=alarm.warn_above,
-        alarm_above=alarm.alarm_above,
-        warn_below=alarm.warn_below,
-        alarm_below=alarm.alarm_below,
-    )
-    return judge(measurement, limits)
+    if measurement is None:
+        return "no data"
+    return judge(measurement.value, measurement.sigma, limits_of(alarm))
+
+
+def limits_of(alarm: Alarm) -> Limits:
+    """Give an alarm's limits. Raises ValueError where they leave no value that is ok."""
+    from pipelines.trends import Limits
+
+    return Limits(alarm.warn_above, alarm.alarm_above, alarm.warn_below, alarm.alarm_below)
 
 
 def _alarm_events(

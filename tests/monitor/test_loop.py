@@ -60,7 +60,7 @@ class Bench:
             self.clock,
             last if last is not None else T0 - np.timedelta64(1, "ns"),
             self.told.append,
-            self.stop,
+            stop=self.stop,
             work=work,
         )
 

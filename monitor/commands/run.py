@@ -1,0 +1,99 @@
+"""The commands `run` and `scan`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from configs import Campaign, CampaignFile, InputError
+
+from ..campaign import run_campaign
+from ..check import load_checked
+from ..clock import RealClock
+from ..forecast import forecast_lines
+from ..log import set_up_log
+from ..loop import Settled
+from ..stopping import graceful_stop
+from ..teller import Teller
+
+__all__ = ["follow", "run", "scan"]
+
+
+def run(campaign: Path, *, dry_run: bool = False, max_scans: int | None = None) -> int:
+    """Monitor on a schedule; go on where an earlier run ended.
+
+    Prints ``committed scan N TIME`` once a scan is durable. A visit that fails is recorded, and the campaign goes on.
+    Slots that nobody answered are recorded as missed with their cause, never caught up. Ctrl-C finishes the scan under
+    way. Exit code 4: scans were missed, rejected or failed while it ran.
+
+    Parameters
+    ----------
+    campaign
+        Campaign file.
+    dry_run
+        Check everything that needs no rig, show the coming visits and the disk they take, and scan nothing.
+    max_scans
+        Stop after so many visits.
+
+    Examples
+    --------
+    microrelief run soil.yaml --dry-run
+    microrelief run soil.yaml
+    """
+    if max_scans is not None and max_scans < 1:
+        raise InputError(f"--max-scans must be at least 1, not {max_scans}")
+    file = load_checked(campaign)
+    if dry_run:
+        for line in forecast_lines(file.campaign, RealClock().now()):
+            print(line)
+        return 0
+    return follow(file, file.campaign, max_scans=max_scans, with_lag=file.campaign.schedule.video is not None)
+
+
+def scan(campaign: Path) -> int:
+    """Take one scan now, whatever the schedule says.
+
+    Exit code 4: the scan was rejected; 75: the device is not there now; 1: the capture failed.
+
+    Parameters
+    ----------
+    campaign
+        Campaign file.
+
+    Examples
+    --------
+    microrelief scan soil.yaml
+    """
+    file = load_checked(campaign)
+    ended: list[Settled] = []
+    set_up_log()
+    with Teller() as teller:
+
+        def settled(each: Settled) -> None:
+            ended.append(each)
+            teller.settled(each)
+
+        run_campaign(
+            file.campaign, clock=RealClock(), on_settled=settled, on_stage=teller.stage, text=file.text, now=True
+        )
+    last = ended[-1]
+    if last.state == "taken":
+        return 0
+    return 4 if last.state == "rejected" else 75 if last.unavailable else 1
+
+
+def follow(file: CampaignFile, campaign: Campaign, *, max_scans: int | None = None, with_lag: bool = False) -> int:
+    """Run a campaign in real time, saying what happens; give the exit code."""
+    set_up_log()
+    with graceful_stop() as stop, Teller(with_lag=with_lag) as teller:
+        outcome = run_campaign(
+            campaign,
+            clock=RealClock(),
+            on_settled=teller.settled,
+            on_wait=teller.wait,
+            on_stage=teller.stage,
+            max_scans=max_scans,
+            stop=stop,
+            text=file.text,
+        )
+        teller.summary(outcome)
+    return 4 if outcome.degraded else 0

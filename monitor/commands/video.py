@@ -1,0 +1,48 @@
+"""The command `video`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from configs import InputError, parse_duration
+
+from ..check import load_checked
+from .run import follow
+
+__all__ = ["video"]
+
+
+def video(campaign: Path, *, for_: Annotated[str | None, Parameter(name="--for")] = None) -> int:
+    """Record continuous 3D video: capture, reconstruct, compare and store at the campaign's rate.
+
+    Prints ``committed scan N TIME`` once a scan is durable, how late it began and how long it took, and at the end how
+    many were taken and dropped. A slot that cannot be kept is dropped, and recorded with its cause. Ctrl-C finishes the
+    scan under way. Exit code 4: scans were dropped, rejected or failed.
+
+    Parameters
+    ----------
+    campaign
+        Campaign file with ``schedule: {video: {rate_hz: ...}}``.
+    for_
+        How long to record, such as 20s or 5min, instead of what the campaign says.
+
+    Examples
+    --------
+    microrelief video video.yaml --for 20s
+    """
+    file = load_checked(campaign)
+    settings = file.campaign
+    if settings.schedule.video is None:
+        raise InputError(f"{campaign}: its schedule is no video: write `schedule: {{video: {{rate_hz: 1}}}}`")
+    if for_ is not None:
+        try:
+            length = parse_duration(for_)
+        except ValueError as error:
+            raise InputError(f"--for: {error}") from None
+        recording = settings.schedule.video.model_copy(update={"for_": length})
+        schedule = settings.schedule.model_copy(update={"video": recording})
+        settings = settings.model_copy(update={"schedule": schedule})
+    return follow(file, settings, with_lag=True)

@@ -1,0 +1,162 @@
+"""What a campaign will do: the coming visits, and the disk that they take. Needs neither rig nor store."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from itertools import islice
+from pathlib import Path
+from zoneinfo import ZoneInfo
+
+import numpy as np
+
+from configs import Campaign, InputError, format_duration
+from pipelines import Instant, PatternSet, as_datetime, format_instant
+
+from .campaign import read_pattern_set, resume_point, simulated_calibration_file
+from .scheduler import Slots, grace_of, slots_between
+
+__all__ = ["bytes_per_scan", "forecast_lines", "next_slots", "stored_bytes"]
+
+BYTES_PER_CELL = 5.4
+"""A stored scan with its change, compressed: height 1.1, sigma 1.2, texture 0.9, level 0, dz 1.1, lod 1.0, bins 0.1."""
+
+SHOWN = 6
+DAY = np.timedelta64(86400 * 10**9, "ns")
+
+
+def forecast_lines(campaign: Campaign, now: Instant) -> list[str]:
+    """Tell what `run` would do from `now` on.
+
+    Raises
+    ------
+    InputError
+        If a file that the campaign names is not there.
+    """
+    patterns = read_pattern_set(campaign)
+    slots, last = resume_point(campaign, now)
+    coming = next_slots(slots, max(last, now - np.timedelta64(1, "ns")), SHOWN)
+    lines = [f"{campaign.site.name}: {_schedule(campaign)}, rig {campaign.rig.name}, {patterns_told(patterns)}"]
+    zone = ZoneInfo(campaign.site.zone)
+    for slot in coming:
+        local = f" ({as_datetime(slot).astimezone(zone):%a %H:%M %Z})" if campaign.site.zone != "UTC" else ""
+        lines.append(f"  scan due {format_instant(slot)}{local}")
+    if not coming:
+        lines.append("  no scan is due: the schedule is over")
+    else:
+        grace = format_seconds(grace_of(campaign, slots, coming[0]))
+        lines.append(f"  a scan may begin {grace} late, then it is missed")
+    lines.append(_disk(campaign, patterns, slots, now))
+    lines.append(_calibration(campaign, patterns))
+    return lines
+
+
+def next_slots(slots: Slots, after: Instant, count: int) -> list[Instant]:
+    """Give the first `count` slots later than `after`."""
+    return list(islice(slots_between(slots, after, after + 3650 * DAY), count))
+
+
+def bytes_per_scan(campaign: Campaign, patterns: PatternSet) -> tuple[float, bool]:
+    """Give what a scan takes on the disk, bytes, and whether that was measured on this campaign's store."""
+    raw = 0.0
+    columns, rows = camera_size(campaign)
+    if campaign.retain.raw_frames == "all":
+        raw = columns * rows * len(patterns.roles) * 0.9
+    measured = stored_bytes(campaign.store.path)
+    if measured is not None:
+        return measured, True
+    cells = columns * rows * 1.3  # the footprint is wider than the image of its middle, at the pixel's own pitch
+    if campaign.grid.pitch_mm is not None and campaign.rig.name == "simulated":
+        cells = 15.1 * 11.3 / campaign.grid.pitch_mm**2
+    return cells * BYTES_PER_CELL + raw, False
+
+
+def camera_size(campaign: Campaign) -> tuple[int, int]:
+    """Give the camera's columns and rows as the rig's options say, or the paper's 2560x1440."""
+    size = campaign.rig.options.get("camera", (960, 720) if campaign.rig.name == "simulated" else (2560, 1440))
+    if isinstance(size, Sequence) and len(size) == 2:
+        return int(size[0]), int(size[1])
+    return 2560, 1440
+
+
+def stored_bytes(store: Path) -> float | None:
+    """Give the mean bytes per scan of a store that is there; None where there is none, or no scan in it."""
+    if not store.is_dir():
+        return None
+    from storage import open_store
+
+    count = len(open_store(store))
+    return sum(file.stat().st_size for file in store.rglob("*") if file.is_file()) / count if count else None
+
+
+def patterns_told(patterns: PatternSet) -> str:
+    """Tell a pattern set in a few words."""
+    return f"{len(patterns.roles)} {patterns.kind} frames for a {patterns.size[0]}x{patterns.size[1]} projector"
+
+
+def format_seconds(seconds: float) -> str:
+    """Write a length of time in the largest fitting units."""
+    from datetime import timedelta
+
+    return format_duration(timedelta(seconds=seconds))
+
+
+def format_bytes(count: float) -> str:
+    """Write a number of bytes: 3.2 MB."""
+    for unit in ("B", "kB", "MB", "GB"):
+        if count < 1000:
+            return f"{count:.3g} {unit}"
+        count /= 1000
+    return f"{count:.3g} TB"
+
+
+def _schedule(campaign: Campaign) -> str:
+    schedule = campaign.schedule
+    if schedule.video is not None:
+        length = f" for {format_duration(schedule.video.for_)}" if schedule.video.for_ is not None else ""
+        return f"video at {schedule.video.rate_hz:g} Hz{length}"
+    if schedule.cron is not None:
+        return f"cron {schedule.cron!r} in {campaign.site.zone}"
+    assert schedule.every is not None
+    return f"every {format_duration(schedule.every)}"
+
+
+def _disk(campaign: Campaign, patterns: PatternSet, slots: Slots, now: Instant) -> str:
+    size, measured = bytes_per_scan(campaign, patterns)
+    if campaign.schedule.video is not None:
+        per_day = size * campaign.schedule.video.rate_hz * 86400
+        text = f"  disk: {format_bytes(per_day / 24)} an hour"
+    else:
+        week = sum(1 for _ in slots_between(slots, now, now + 7 * DAY)) if _coarse(campaign) else _per_week(campaign)
+        per_day = size * week / 7
+        text = f"  disk: {format_bytes(per_day)} a day"
+    text += f" ({format_bytes(size)} a scan, {'as measured in the store' if measured else 'estimated'})"
+    folder = campaign.store.path.parent
+    while not folder.exists():
+        folder = folder.parent
+    free = shutil.disk_usage(folder).free
+    if per_day > 0:
+        text += f"; {format_bytes(free)} free, enough for {free / per_day:.3g} days"
+    return text
+
+
+def _coarse(campaign: Campaign) -> bool:
+    return campaign.schedule.every is None or campaign.schedule.every.total_seconds() >= 60
+
+
+def _per_week(campaign: Campaign) -> int:
+    assert campaign.schedule.every is not None
+    return int(7 * 86400 / campaign.schedule.every.total_seconds())
+
+
+def _calibration(campaign: Campaign, patterns: PatternSet) -> str:
+    file = campaign.calibration.file
+    if file is None:
+        kept = simulated_calibration_file(campaign, patterns)
+        return f"  calibration: {'kept in ' + kept.name if kept.exists() else 'the first run makes it (simulated rig)'}"
+    if not file.is_file():
+        raise InputError(
+            f"no calibration {file}: make it with "
+            f"`microrelief calibrate POSE_DIR... --board COLUMNSxROWS --square-mm MM --out {file}`"
+        )
+    return f"  calibration: {file}"

@@ -1,0 +1,87 @@
+"""What a running campaign says: a plain line for each slot, and on a terminal what it is waiting for."""
+
+from __future__ import annotations
+
+import statistics
+from types import TracebackType
+from typing import Self
+
+from rich.console import Console
+from rich.status import Status
+
+from pipelines import Instant, format_instant
+
+from .loop import Outcome, Settled
+
+__all__ = ["Teller"]
+
+
+class Teller:
+    """Says what happens, one line each, flushed: whoever reads a pipe knows of a scan as soon as it is durable.
+
+    Parameters
+    ----------
+    with_lag : bool
+        Say how late each visit began (video).
+    """
+
+    def __init__(self, *, with_lag: bool = False) -> None:
+        self._with_lag = with_lag
+        self._console = Console(highlight=False, soft_wrap=True)
+        self._status: Status | None = None
+
+    def __enter__(self) -> Self:
+        if self._console.is_terminal:
+            self._status = self._console.status("starting")
+            self._status.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._status is not None:
+            self._status.stop()
+
+    def say(self, line: str) -> None:
+        """Say one line."""
+        self._console.print(line, markup=False)
+        self._console.file.flush()
+
+    def stage(self, what: str) -> None:
+        """Say what is being done before the first visit."""
+        if self._status is not None:
+            self._status.update(what)
+        else:
+            self.say(what)
+
+    def wait(self, slot: Instant) -> None:
+        """Say what is being waited for, on a terminal only."""
+        if self._status is not None:
+            self._status.update(f"next scan {format_instant(slot)}")
+
+    def settled(self, settled: Settled) -> None:
+        """Say how a slot ended."""
+        if settled.number is not None and settled.tick is not None and settled.tick.scan is not None:
+            line = f"committed scan {settled.number} {format_instant(settled.tick.scan.time)}"
+            if self._with_lag:
+                line += f" lag {settled.lag_s:.3f} s took {settled.took_s:.3f} s"
+            if settled.state == "rejected":
+                line += f" rejected: {settled.cause}"
+            self.say(line)
+        else:
+            self.say(f"{settled.state} {format_instant(settled.planned)}: {settled.cause}")
+        for event in settled.tick.events if settled.tick is not None else ():
+            if event.kind in ("alarm", "note"):
+                self.say(f"{event.kind} {format_instant(event.time)}: {event.text}")
+
+    def summary(self, outcome: Outcome) -> None:
+        """Say what the run came to."""
+        parts = [f"{outcome.taken} taken"]
+        if self._with_lag:
+            parts.append(f"{outcome.missed} dropped")
+        elif outcome.missed:
+            parts.append(f"{outcome.missed} missed")
+        parts += [f"{count} {state}" for state in ("rejected", "failed") if (count := getattr(outcome, state))]
+        if self._with_lag and outcome.lags_s:
+            parts.append(f"lag p50 {statistics.median(outcome.lags_s):.3f} s max {max(outcome.lags_s):.3f} s")
+        self.say(("stopped: " if outcome.stopped else "done: ") + ", ".join(parts))
