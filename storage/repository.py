@@ -108,7 +108,7 @@ def newest_whole(repository: Any, folder: Path, probe: Callable[[Any], None]) ->
     for _, name in sorted(candidates, reverse=True):
         if name != tip and not _fault(repository, name, probe):
             return name, f"snapshot {tip} cannot be read ({first}); went back to {name}"
-    raise StoreError(f"{folder}: no snapshot is whole ({first}): restore the folder from a copy")
+    raise StoreError(f"{folder}: no snapshot holds a whole store ({first}): check the path, or restore it from a copy")
 
 
 def publish(repository: Any, folder: Path, session: Any, message: str, metadata: dict[str, Any]) -> str:
@@ -159,4 +159,5 @@ def _mend_reference(folder: Path) -> bool:
 def _short(error: Exception) -> str:
     """Give the first line of an Icechunk or Zarr error."""
     lines = [line.strip(" |x-`>") for line in str(error).splitlines()]
-    return next((line for line in lines if line), type(error).__name__)
+    line = next((line for line in lines if line), type(error).__name__)
+    return line.split(" in store <")[0]  # the address of an object helps nobody
