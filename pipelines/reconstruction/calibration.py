@@ -108,13 +108,14 @@ def calibrate_decoded(
             f"at least {MIN_POSES} are needed: capture the board at more tilts"
         )
     shape = poses[0].column.shape
-    seen = []
     for label, decoded in zip(labels, poses, strict=True):
         if decoded.column.shape != shape:
             raise ValueError(
                 f"{label}: images of {decoded.column.shape[1]}x{decoded.column.shape[0]}, but {labels[0]} has "
                 f"{shape[1]}x{shape[0]}: take all poses with the same camera settings"
             )
+    seen = []
+    for label, decoded in zip(labels, poses, strict=True):
         corners, inner = find_corners(decoded.texture, board, label)
         lit = projector_corners(decoded, corners, inner, method)
         found = finite(lit)

@@ -49,7 +49,7 @@ def solve(
     for name in tried:
         seen = _mirror(camera) if hypotheses[name][0] else camera
         lit = _mirror(projector) if hypotheses[name][1] else projector
-        candidate = adjust(corners, _join(seen, lit, corners), sizes, (0.2, 0.3))
+        candidate = adjust(corners, _join(seen, lit), sizes, (0.2, 0.3), rounds=25)
         rms = _rms(candidate, corners, corners.use)[2]
         if best is None or rms * MIRROR_GAIN < best_rms:
             best, best_rms = candidate, rms
@@ -134,7 +134,7 @@ def _mirror(one: OneLens) -> OneLens:
     return lens, poses
 
 
-def _join(camera: OneLens, projector: OneLens, corners: Corners) -> Solution:
+def _join(camera: OneLens, projector: OneLens) -> Solution:
     """Find the pose between the devices that most boards agree on.
 
     A plane seen through a long lens has two poses, tilted to either side, that look nearly alike: both are tried.
