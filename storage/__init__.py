@@ -1,6 +1,8 @@
 """Keeps what pipelines define: stores of scans, folders of captures, files of other programs."""
 
 from .capture_folder import read_capture, write_capture
+from .exporters import write_height_map, write_points, write_series
+from .importers import read_height_map
 from .ledger import Ledger, LedgerAddress, LedgerRow, SlotState, ledger_beside
 from .pattern_file import read_patterns, write_patterns
 from .store import STORES, About, Store, Stored, create_store, open_store
@@ -18,7 +20,11 @@ __all__ = [
     "ledger_beside",
     "open_store",
     "read_capture",
+    "read_height_map",
     "read_patterns",
     "write_capture",
+    "write_height_map",
     "write_patterns",
+    "write_points",
+    "write_series",
 ]
