@@ -59,6 +59,14 @@ class Device:
             y = (y_d - p1 * (r2 + 2 * y * y) - 2 * p2 * x * y) / radial
         return np.stack([x, y], axis=-1).astype(np.float32)
 
+    def on_plane(self) -> Matrix:
+        """Where the pixels' rays meet z = 0, shape (row, column, 2), mm."""
+        rays = self.rays().astype(np.float64)
+        directions = np.concatenate([rays, np.ones((*rays.shape[:2], 1))], axis=-1) @ self.R
+        centre = self.centre_mm
+        met: Matrix = centre[:2] - directions[..., :2] * (centre[2] / directions[..., 2:])
+        return met
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Optics:

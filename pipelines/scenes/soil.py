@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
 
-from .crack_network import CrackNetwork
+from .crack_network import CentreLines, CrackNetwork
 from .noise import fractal, grains
 from .scene import Array, SceneTruth
 
@@ -76,21 +77,23 @@ class Soil:
         x, y = (np.asarray(axis, np.float64) for axis in np.broadcast_arrays(x_mm, y_mm))
         return SoilGround(self, x, y)
 
-    def truth(self, before_h: float, after_h: float, pitch_mm: float = 0.01) -> SceneTruth:
-        """What changed between two ages, by the midpoint rule on squares of `pitch_mm`."""
-        half = self.side_mm / 2
-        count = round(self.side_mm / pitch_mm)
-        axis = -half + (np.arange(count) + 0.5) * self.side_mm / count
-        ground = self.at(axis[None, :], axis[:, None])
+    def truth(self, before_h: float, after_h: float, pitch_mm: float = 0.01, inset_mm: float = 0.0) -> SceneTruth:
+        """What changed between two ages, by the midpoint rule on squares of `pitch_mm`.
+
+        Parameters
+        ----------
+        before_h, after_h : float
+        pitch_mm : float
+        inset_mm : float
+            Leave out a margin of the soil, so wide, along the holder.
+        """
+        ground, plates, cell = _squares(self, pitch_mm, inset_mm)
+        lines, on_lines, stretch = _walk(self, inset_mm)
         dz = ground.height(after_h) - ground.height(before_h)
-        cell = (self.side_mm / count) ** 2
         wall = ground.distance - ground.width(after_h) / 2
-        cracks = self.cracks()
-        plates = cracks.plate(*np.broadcast_arrays(axis[None, :], axis[:, None]))
-        lines = cracks.lines(self.region_mm)
-        widths = self.at(lines.x_mm, lines.y_mm).width(after_h) / cracks.stretch(lines)
+        widths = on_lines.width(after_h) / stretch
         return SceneTruth(
-            region_mm=self.region_mm,
+            region_mm=_inset(self, inset_mm),
             net_volume_mm3=float(dz.sum()) * cell,
             plate_volume_mm3=float(dz[wall >= 0].sum()) * cell,
             crack_area_mm2=float(np.count_nonzero(wall < 0)) * cell,
@@ -153,6 +156,27 @@ class SoilGround:
 
 def _dryness(elapsed_h: float, drying_h: float) -> float:
     return float(1 - np.exp(-max(0.0, elapsed_h) / drying_h))
+
+
+def _inset(soil: Soil, inset_mm: float) -> tuple[float, float, float, float]:
+    half = soil.side_mm / 2 - inset_mm
+    return -half, half, -half, half
+
+
+@lru_cache(maxsize=1)  # a campaign is judged scan by scan on the same squares
+def _squares(soil: Soil, pitch_mm: float, inset_mm: float) -> tuple[SoilGround, npt.NDArray[np.intp], float]:
+    low, high, _, _ = _inset(soil, inset_mm)
+    count = round((high - low) / pitch_mm)
+    side = (high - low) / count
+    x, y = np.meshgrid(*(low + (np.arange(count) + 0.5) * side,) * 2)
+    return soil.at(x, y), soil.cracks().plate(x, y), side**2
+
+
+@lru_cache(maxsize=1)
+def _walk(soil: Soil, inset_mm: float) -> tuple[CentreLines, SoilGround, Array]:
+    cracks = soil.cracks()
+    lines = cracks.lines(_inset(soil, inset_mm))
+    return lines, soil.at(lines.x_mm, lines.y_mm), cracks.stretch(lines)
 
 
 def _edge_lift(dz: Array, wall: Array, plates: npt.NDArray[np.intp], cell_mm2: float) -> float:
