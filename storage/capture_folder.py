@@ -33,8 +33,6 @@ TWELVE_BITS = 4095
 
 log = logging.getLogger("microrelief.capture")
 
-Image = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
-
 
 def read_capture(folder: str | Path, patterns: PatternSet | None = None) -> Frames:
     """Read a capture folder.
@@ -208,7 +206,7 @@ def _of_common_size(files: Sequence[Path]) -> list[Path]:
     return [file for file, shape in zip(files, shapes, strict=True) if shape == common]
 
 
-def _read_images(files: Sequence[Path]) -> Image:
+def _read_images(files: Sequence[Path]) -> npt.NDArray[Any]:
     with ThreadPoolExecutor(THREADS) as pool:
         images = list(pool.map(_read_image, files))
     common, votes = Counter((image.shape, image.dtype) for image in images).most_common(1)[0]
@@ -220,11 +218,10 @@ def _read_images(files: Sequence[Path]) -> Image:
             )
         if image.dtype != common[1]:
             raise InputError(f"{file}: has {8 * image.itemsize} bits, most frames have {8 * common[1].itemsize}")
-    stack: npt.NDArray[Any] = np.stack(images)
-    return stack
+    return np.stack(images)
 
 
-def _read_image(file: Path) -> Image:
+def _read_image(file: Path) -> npt.NDArray[Any]:
     import cv2
 
     try:
@@ -242,8 +239,7 @@ def _read_image(file: Path) -> Image:
     if image.ndim == 3:
         channels = image.shape[2]
         image = image[:, :, 0] if channels < 3 else cv2.cvtColor(image[:, :, :3], cv2.COLOR_BGR2GRAY)
-    grey: Image = np.ascontiguousarray(image)
-    return grey
+    return np.ascontiguousarray(image)
 
 
 def _read_stack(file: Path) -> npt.NDArray[Any]:

@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 __all__ = ["MAX_BITS", "Codebook", "gray_planes", "make_codebook", "order_cell_px", "order_planes", "stripe_planes"]
 
-MAX_BITS = 16
-"""A code word fits uint16."""
+MAX_BITS = 15
+"""Longest code word: 32768 cells."""
 
 Planes = npt.NDArray[np.bool_]
 

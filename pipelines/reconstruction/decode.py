@@ -17,7 +17,7 @@ from .refine_kernels import reject_loners, unwrap_phase
 
 __all__ = ["decode"]
 
-RUNS, RUN = 64, 64
+RUNS, RUN = 16, 128
 """Noise is estimated from this many runs of this many neighbouring pixels (scattered single ones cost a cache miss)."""
 ROUNDING = 0.29
 """Standard deviation of rounding to whole counts, 1 / sqrt(12)."""
@@ -25,7 +25,9 @@ AGREE_CELLS = 4
 """Neighbours along a row agree if they differ by at most so many of the widest cells."""
 
 
-def decode(frames: Frames, *, relative: float = 0.1, noise: float | None = None) -> Decoded:
+def decode(
+    frames: Frames, *, relative: float = 0.1, noise: float | None = None, into: Decoded | None = None
+) -> Decoded:
     """Decode a capture.
 
     A pixel is lit if white minus black exceeds six standard deviations of its noise. A bit is certain if pattern
@@ -40,6 +42,9 @@ def decode(frames: Frames, *, relative: float = 0.1, noise: float | None = None)
         Least swing of a certain bit, of white minus black.
     noise : float, optional
         Standard deviation of a pixel's value, in the frames' own counts; estimated from the frames if absent.
+    into : Decoded, optional
+        An earlier result of `decode` whose arrays are used again, for video: fresh memory costs as much as decoding.
+        What it held is lost.
 
     Returns
     -------
@@ -48,7 +53,7 @@ def decode(frames: Frames, *, relative: float = 0.1, noise: float | None = None)
     Raises
     ------
     ValueError
-        If `relative` or `noise` is out of range.
+        If `relative` or `noise` is out of range, or `into` has another shape.
     """
     if not 0 <= relative < 1:
         raise ValueError(f"relative is a share of white minus black from 0 to 1, not {relative}")
@@ -61,9 +66,11 @@ def decode(frames: Frames, *, relative: float = 0.1, noise: float | None = None)
     top = 256**stack.itemsize - 1
     bits, plus, minus = frame_indices(patterns)
     books = [patterns.codebook(axis) if number else None for axis, number in zip(AXES, bits, strict=True)]
-    place = np.empty((2, rows * columns), dtype=np.float32)
-    sigma = np.empty_like(place)
-    maps = np.empty((3, rows * columns), dtype=np.uint8)
+    if into is None:
+        into = _room(rows, columns)
+    elif into.column.shape != (rows, columns):
+        raise ValueError(f"frames are {columns}x{rows}, `into` is {into.column.shape[1]}x{into.column.shape[0]}")
+    level = into.level
     decode_words(
         stack,
         frame_of(patterns, "white"),
@@ -72,51 +79,50 @@ def decode(frames: Frames, *, relative: float = 0.1, noise: float | None = None)
         minus,
         bits,
         (round(256 * relative), min(ceil(3 * sqrt(2) * sd), top), min(ceil(6 * sqrt(2) * sd), top)),
-        np.array([_gray_cells(book, length) for book, length in zip(books, patterns.size, strict=True)], np.float32),
+        np.array([_gray_cells(book) for book in books], np.float32),
         np.stack([_table(book, 2 ** int(bits.max())) for book in books]),
         sqrt(2) * sd,
-        place,
-        sigma,
-        maps,
+        into.column.reshape(-1),
+        into.row.reshape(-1),
+        into.sigma_column.reshape(-1),
+        into.sigma_row.reshape(-1),
+        level.reshape(-1),
+        into.texture.reshape(-1),
+        into.contrast.reshape(-1),
     )
-    level, texture, contrast = maps.reshape(3, rows, columns)
-    place, sigma = place.reshape(2, rows, columns), sigma.reshape(2, rows, columns)
     if patterns.kind != "gray":
         for number, axis in enumerate(AXES):
             book = books[number]
             if book is None:
                 continue
+            place, sigma = ((into.column, into.sigma_column), (into.row, into.sigma_row))[number]
             if patterns.kind == "phase":
-                steps = np.array(
-                    [n for n, role in enumerate(patterns.roles) if (role.what, role.axis) == ("phase", axis)]
-                )
-                flat, flat_sigma = place[number].reshape(-1), sigma[number].reshape(-1)
-                unwrap_phase(stack, steps, patterns.period_px(axis), patterns.size[number], sd, flat, flat_sigma)
+                steps = np.array([n for n, r in enumerate(patterns.roles) if (r.what, r.axis) == ("phase", axis)])
+                length = patterns.size[number]
+                unwrap_phase(stack, steps, patterns.period_px(axis), length, sd, place.reshape(-1), sigma.reshape(-1))
             else:
-                reject_loners(place[number], sigma[number], AGREE_CELLS * float(book.width.max()))
-            level[np.isnan(place[number])] = LEVEL_NONE
-    return Decoded(
-        column=place[0],
-        row=place[1],
-        sigma_column=sigma[0],
-        sigma_row=sigma[1],
-        level=level,
-        texture=texture,
-        contrast=contrast,
-    )
+                reject_loners(place, sigma, AGREE_CELLS * float(book.width.max()))
+            level[np.isnan(place)] = LEVEL_NONE
+    return into
 
 
-def _gray_cells(book: Codebook | None, length: int) -> tuple[float, float, float]:
-    """Cells of a Gray code as px per cell, centre of word 0, length; 0 px per cell if these do not describe it."""
+def _room(rows: int, columns: int) -> Decoded:
+    column, row, sigma_column, sigma_row = (np.empty((rows, columns), np.float32) for _ in range(4))
+    level, texture, contrast = (np.empty((rows, columns), np.uint8) for _ in range(3))
+    return Decoded(column, row, sigma_column, sigma_row, level, texture, contrast)
+
+
+def _gray_cells(book: Codebook | None) -> tuple[float, float, float, float]:
+    """Cells of a Gray code: px per cell, centre of number 0, lowest and highest number; zeros if it is no such code."""
     if book is None:
-        return 0, 0, 0
+        return 0, 0, 0, 0
     number = book.word.astype(np.int64)
     for shift in (1, 2, 4, 8):
         number ^= number >> shift
     width = int(book.width[0])
     if np.any(book.width != width) or np.any(np.diff(number) != 1):
-        return 0, 0, 0
-    return width, float(book.centre[0]) - float(number[0]) * width, length
+        return 0, 0, 0, 0
+    return width, float(book.centre[0]) - float(number[0]) * width, float(number[0]), float(number[-1])
 
 
 def _table(book: Codebook | None, size: int) -> npt.NDArray[np.int32]:
@@ -175,7 +181,7 @@ def noise_counts(frames: Frames) -> float:
         return float(1.4826 * np.median(np.abs(second)) / sqrt(6)) if second.size else 0.0
     flat = frames.stack.reshape(len(frames.stack), -1)
     starts = np.linspace(0, max(0, flat.shape[1] - RUN), RUNS).astype(np.int64)
-    sample = flat[:, np.unique((starts[:, np.newaxis] + np.arange(RUN)).clip(max=flat.shape[1] - 1))].astype(np.float32)
+    sample = np.concatenate([flat[:, start : start + RUN] for start in starts], axis=1).astype(np.float32)
     sample = sample[:, sample[white] < np.iinfo(frames.stack.dtype).max]
     if sample.shape[1] < 16:
         return 0.0
@@ -185,5 +191,5 @@ def noise_counts(frames: Frames) -> float:
     rest = np.stack([sample[p] + sample[n] for p, n in pairs]) - sample[white] - sample[black]
     swing -= swing.mean()
     rest -= np.outer(rest @ swing / max(float(swing @ swing), 1.0), swing)
-    rest -= np.median(rest, axis=1, keepdims=True)
+    rest -= rest.mean(axis=1, keepdims=True)
     return float(1.4826 * np.median(np.abs(rest)) / 2)

@@ -8,6 +8,8 @@ written, and uses vector instructions.
 
 from __future__ import annotations
 
+from math import sqrt
+
 import numba
 import numpy as np
 import numpy.typing as npt
@@ -15,8 +17,10 @@ import numpy.typing as npt
 __all__ = ["decode_words"]
 
 BLOCK = 16384
+GROUPS = 5  # of three bits: words have at most 15
 NOT_MEASURED = 255
 MOST_DOUBTS = 5
+NO_WORD = 0xFFFF
 
 U8 = npt.NDArray[np.uint8]
 U16 = npt.NDArray[np.uint16]
@@ -53,12 +57,10 @@ def _one(p: U8, n: U8, limit: U8, code: U8) -> None:
 
 
 @numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
-def _append(words: U16, doubts: U16, code: U8, factor: np.uint16) -> None:
-    """Shift words and doubts by the bits of `code`, a power of two given as `factor`, and add those."""
-    for i in range(code.size):
-        words[i] = np.uint16(words[i] * factor) | np.uint16(code[i] & np.uint8(7))
-    for i in range(code.size):
-        doubts[i] = np.uint16(doubts[i] * factor) | np.uint16(code[i] >> np.uint8(4))
+def _join(coarse: U8, fine: U8) -> None:
+    """Two codes of one bit to one of two bits, in `fine`."""
+    for i in range(fine.size):
+        fine[i] = np.uint8(coarse[i] + coarse[i]) | fine[i]
 
 
 @numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
@@ -78,34 +80,54 @@ def _light(w: U8, b: U8, swing: U8, middle: U8, limit: U8, relative: int, floor:
         limit[i] = max(part, lowest)
 
 
-# an approximate root is good enough for an uncertainty
 @numba.njit(cache=True, nogil=True, inline="never", error_model="numpy", fastmath=True)  # type: ignore[untyped-decorator]
 def _spread(swing: U8, jitter: float, spread: F32) -> None:
-    """Standard uncertainty in cells: uniform within a cell, and the noise of its edges."""
-    noise = np.float32(jitter)
+    """Standard uncertainty in cells, sqrt(1/12 + (jitter / swing)^2): uniform in a cell, and the noise of its edges.
+
+    The root is its series to the third power, right to 5e-4 where the swing of a lit pixel is at least 6 jitters.
+    """
+    noise = np.float32(jitter * sqrt(12.0))
+    one, half, eighth, sixteenth = np.float32(1), np.float32(0.5), np.float32(0.125), np.float32(0.0625)
+    uniform = np.float32(1 / sqrt(12.0))
     for i in range(swing.size):
         ratio = noise / np.float32(swing[i])
-        spread[i] = np.sqrt(np.float32(1 / 12) + ratio * ratio)
+        u = ratio * ratio
+        spread[i] = uniform * (one + u * (half - u * (eighth - u * sixteenth)))
 
 
-@numba.njit(cache=True, nogil=True, inline="never", error_model="numpy")  # type: ignore[untyped-decorator]
-def _place_gray(
-    words: U16, doubts: U16, swing: U8, least: int, scale: float, origin: float, length: int, out: F32
-) -> None:
-    """Gray words to projector pixels, NaN where unlit, outside or in doubt.
+@numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
+def _words(c0: U8, c1: U8, c2: U8, c3: U8, c4: U8, out: U16) -> None:
+    """Words of the codes of all groups."""
+    low = np.uint16(7)
+    for i in range(out.size):
+        coarse = np.uint16(np.uint16(c0[i] & low) * np.uint16(4096)) | np.uint16(
+            np.uint16(c1[i] & low) * np.uint16(512)
+        )
+        fine = np.uint16(np.uint16(c2[i] & low) * np.uint16(64)) | np.uint16(np.uint16(c3[i] & low) * np.uint16(8))
+        out[i] = np.uint16(coarse | fine) | np.uint16(c4[i] & low)
+
+
+@numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
+def _doubts(c0: U8, c1: U8, c2: U8, c3: U8, c4: U8, out: U16) -> None:
+    """Doubts of the codes of all groups."""
+    low = np.uint16(0x70)
+    for i in range(out.size):
+        coarse = np.uint16(np.uint16(c0[i] & low) * np.uint16(256)) | np.uint16(np.uint16(c1[i] & low) * np.uint16(32))
+        fine = np.uint16(np.uint16(c2[i] & low) * np.uint16(4)) | np.uint16(np.uint16(c3[i] & low) >> np.uint16(1))
+        out[i] = np.uint16(coarse | fine) | np.uint16(np.uint16(c4[i] & low) >> np.uint16(4))
+
+
+@numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
+def _number_gray(words: U16, doubts: U16, swing: U8, least: int) -> None:
+    """Gray words to their numbers, in place; `NO_WORD` where unlit or in doubt.
 
     At most one bit may be in doubt, and only where flipping it leads to the cell next door: the bits below it
     are then 1 and all 0.
     """
-    nan = np.float32(np.nan)
-    step, first = np.float32(scale), np.float32(origin)
-    low, high = np.float32(-0.5), np.float32(length - 0.5)
     lit = swing.dtype.type(least)
-    one, two, four, eight = np.uint16(1), np.uint16(2), np.uint16(4), np.uint16(8)
-    none = np.uint16(0)
-    for i in range(out.size):
-        word = words[i]
-        doubt = doubts[i]
+    none, one, two, four, eight = np.uint16(0), np.uint16(1), np.uint16(2), np.uint16(4), np.uint16(8)
+    for i in range(words.size):
+        word, doubt = words[i], doubts[i]
         below = np.uint16(doubt - one)
         # without a doubt `below` is all ones, and the second test would ask for a word of zeros
         rest = np.uint16(np.uint16(word & below) ^ np.uint16(doubt >> one)) if doubt != none else none
@@ -114,9 +136,18 @@ def _place_gray(
         number = np.uint16(number ^ np.uint16(number >> two))
         number = np.uint16(number ^ np.uint16(number >> four))
         number = np.uint16(number ^ np.uint16(number >> eight))
-        place = np.float32(number) * step + first
-        good = (fault == none) & (swing[i] >= lit) & (place > low) & (place < high)
-        out[i] = place if good else nan
+        words[i] = number if (fault == none) & (swing[i] >= lit) else np.uint16(NO_WORD)
+
+
+@numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
+def _place(numbers: U16, lowest: int, highest: int, scale: float, origin: float, out: F32) -> None:
+    """Numbers of cells to their centres, NaN outside the axis."""
+    nan = np.float32(np.nan)
+    step, first = np.float32(scale), np.float32(origin)
+    low, high = np.uint16(lowest), np.uint16(highest)
+    for i in range(out.size):
+        number = numbers[i]
+        out[i] = np.float32(number) * step + first if (number >= low) & (number <= high) else nan
 
 
 @numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
@@ -128,7 +159,7 @@ def _uncertainty(place: F32, spread: F32, width: float, sigma: F32) -> None:
 
 @numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
 def _place_table(
-    words: U16, doubts: U16, swing: U8, least: int, cell: I32, first: I32, last: I32, spread: F32, out: F32, sigma: F32
+    codes: U8, swing: U8, least: int, cell: I32, first: I32, last: I32, spread: F32, out: F32, sigma: F32
 ) -> None:
     """Words of any code to projector pixels by its codebook, NaN where unlit or ambiguous.
 
@@ -140,8 +171,10 @@ def _place_table(
         sigma[i] = np.nan
         if swing[i] < least:
             continue
-        doubt = np.int64(doubts[i])
-        word = np.int64(words[i])
+        word, doubt = np.int64(0), np.int64(0)
+        for group in range(GROUPS):
+            word = (word << 3) | np.int64(codes[group, i] & 7)
+            doubt = (doubt << 3) | np.int64(codes[group, i] >> 4)
         own = cell[word]
         low, high = own, own
         if doubt:
@@ -179,9 +212,13 @@ def decode_words(
     cells: F32,
     table: I32,
     jitter: float,
-    out: F32,
-    sigma: F32,
-    maps: U8,
+    column: F32,
+    row: F32,
+    sigma_column: F32,
+    sigma_row: F32,
+    level_map: U8,
+    texture_map: U8,
+    contrast_map: U8,
 ) -> None:
     """Decode the stripe patterns of both axes; `decode.decode` says what the numbers mean.
 
@@ -195,23 +232,24 @@ def decode_words(
     bits : ndarray, shape (2,)
     limits : (int, int, int)
         Least swing of a certain bit, in 1/256 of white minus black and in counts; least white minus black.
-    cells : ndarray of float32, shape (2, 3)
-        Of each axis in Gray code: px per cell, centre of word 0, length of the axis; 0 px: use `table`.
+    cells : ndarray of float32, shape (2, 4)
+        Of each axis in Gray code: px per cell, centre of cell number 0, lowest and highest number; 0 px: use `table`.
     table : ndarray of int32, shape (2, 3, words)
         Of each axis: cell of each word (-1: none), first and last px of each cell.
     jitter : float
         Noise of pattern minus inverse, counts.
-    out, sigma : ndarray of float32, shape (2, pixel)
-        Filled: projector px and standard uncertainty.
-    maps : ndarray of uint8, shape (3, pixel)
-        Filled: level, texture, contrast.
+    column, row, sigma_column, sigma_row : ndarray of float32, shape (pixel,)
+        Filled: projector px and their standard uncertainty.
+    level_map, texture_map, contrast_map : ndarray of uint8, shape (pixel,)
+        Filled.
     """
     pixels = stack.shape[1]
     swing = np.empty(BLOCK, stack.dtype)
     middle = np.empty(BLOCK, stack.dtype)
     limit = np.empty(BLOCK, stack.dtype)
-    code = np.empty(BLOCK, np.uint8)
+    codes = np.empty((GROUPS, BLOCK), np.uint8)
     spread = np.empty(BLOCK, np.float32)
+    spare = np.empty(BLOCK, np.uint8)
     words = np.empty(BLOCK, np.uint16)
     doubts = np.empty(BLOCK, np.uint16)
     shift = 8 * (stack.itemsize - 1)
@@ -220,47 +258,58 @@ def decode_words(
         stop = min(start + BLOCK, pixels)
         size = stop - start
         w, b = stack[white, start:stop], stack[black, start:stop]
-        lit, mid, low, part = swing[:size], middle[:size], limit[:size], code[:size]
+        lit, mid, low = swing[:size], middle[:size], limit[:size]
         _light(w, b, lit, mid, low, limits[0], limits[1] >> halves, halves)
         _spread(lit, jitter, spread[:size])
-        level, texture, contrast = maps[0, start:stop], maps[1, start:stop], maps[2, start:stop]
+        level, texture, contrast = level_map[start:stop], texture_map[start:stop], contrast_map[start:stop]
         for i in range(size):
             texture[i] = np.uint8(w[i] >> shift)
         for i in range(size):
             contrast[i] = np.uint8(lit[i] >> shift)
         level[:] = np.uint8(0)
         for axis in range(2):
-            place = out[axis, start:stop]
+            place = column[start:stop] if axis == 0 else row[start:stop]
+            error = sigma_column[start:stop] if axis == 0 else sigma_row[start:stop]
             if bits[axis] == 0:
                 place[:] = np.float32(np.nan)
-                sigma[axis, start:stop] = np.float32(np.nan)
+                error[:] = np.float32(np.nan)
                 continue
-            words[:size] = 0
-            doubts[:size] = 0
+            group = GROUPS - (bits[axis] + 2) // 3  # the coarsest group takes what is not a multiple of three
+            for empty in range(group):
+                codes[empty, :size] = 0
             bit = 0
-            while bit < bits[axis]:
-                p0 = stack[plus[axis, bit], start:stop]
+            odd = bits[axis] % 3
+            while bit < odd:
+                code = spare[:size] if bit == 0 and odd == 2 else codes[group, :size]
                 n0 = mid if halves else stack[minus[axis, bit], start:stop]
-                if bit + 3 <= bits[axis]:
-                    p1, p2 = stack[plus[axis, bit + 1], start:stop], stack[plus[axis, bit + 2], start:stop]
-                    n1 = mid if halves else stack[minus[axis, bit + 1], start:stop]
-                    n2 = mid if halves else stack[minus[axis, bit + 2], start:stop]
-                    _three(p0, n0, p1, n1, p2, n2, low, part)
-                    _append(words[:size], doubts[:size], part, np.uint16(8))
-                    bit += 3
-                else:
-                    _one(p0, n0, low, part)
-                    _append(words[:size], doubts[:size], part, np.uint16(2))
-                    bit += 1
-            error = sigma[axis, start:stop]
-            wide, origin, length = cells[axis]
+                _one(stack[plus[axis, bit], start:stop], n0, low, code)
+                bit += 1
+            if odd == 2:
+                _join(spare[:size], codes[group, :size])
+            group += odd > 0
+            while bit < bits[axis]:
+                p0, p1, p2 = (
+                    stack[plus[axis, bit], start:stop],
+                    stack[plus[axis, bit + 1], start:stop],
+                    stack[plus[axis, bit + 2], start:stop],
+                )
+                n0 = mid if halves else stack[minus[axis, bit], start:stop]
+                n1 = mid if halves else stack[minus[axis, bit + 1], start:stop]
+                n2 = mid if halves else stack[minus[axis, bit + 2], start:stop]
+                _three(p0, n0, p1, n1, p2, n2, low, codes[group, :size])
+                bit += 3
+                group += 1
+            wide, origin, lowest, highest = cells[axis]
             if wide > 0:
-                _place_gray(words[:size], doubts[:size], lit, limits[2], wide, origin, length, place)
+                c0, c1, c2, c3, c4 = codes[0, :size], codes[1, :size], codes[2, :size], codes[3, :size], codes[4, :size]
+                number, doubt = words[:size], doubts[:size]
+                _words(c0, c1, c2, c3, c4, number)
+                _doubts(c0, c1, c2, c3, c4, doubt)
+                _number_gray(number, doubt, lit, limits[2])
+                _place(number, lowest, highest, wide, origin, place)
                 _uncertainty(place, spread[:size], wide, error)
             else:
                 cell, first, last = table[axis]
-                _place_table(
-                    words[:size], doubts[:size], lit, limits[2], cell, first, last, spread[:size], place, error
-                )
+                _place_table(codes[:, :size], lit, limits[2], cell, first, last, spread[:size], place, error)
             for i in range(size):
                 level[i] = level[i] if place[i] == place[i] else np.uint8(NOT_MEASURED)
