@@ -53,7 +53,7 @@ Cell = tuple[int, int]
 def crack_lines(mask: npt.NDArray[np.bool_]) -> CrackLines:
     """Skeletonize a mask (Zhang and Suen 1984) and keep its lines.
 
-    A line with a free end that is shorter than 1.5 times the crack's half width where it starts is a spur of the
+    A line with a free end that is shorter than the crack's width where it starts is a spur of the
     thinning and dropped. A line that ends at the border of the grid has no free end.
 
     Parameters
@@ -69,7 +69,7 @@ def crack_lines(mask: npt.NDArray[np.bool_]) -> CrackLines:
     cells: set[Cell] = {(int(r), int(c)) for r, c in np.argwhere(skeleton)}
     segments = _segments(cells)
     while True:
-        short = [s for s in segments if _is_spur(s, cells, distance, mask.shape)]
+        short = [s for s in segments if _is_spur(s, cells, distance)]
         if not short:
             break
         for segment in short:
@@ -124,16 +124,15 @@ def _at_border(cell: Cell, shape: tuple[int, ...]) -> bool:
     return cell[0] < 2 or cell[1] < 2 or cell[0] >= shape[0] - 2 or cell[1] >= shape[1] - 2
 
 
-def _is_spur(segment: list[Cell], cells: set[Cell], distance: npt.NDArray[np.float64], shape: tuple[int, ...]) -> bool:
+def _is_spur(segment: list[Cell], cells: set[Cell], distance: npt.NDArray[np.float64]) -> bool:
     """Whether a line hangs free at one end and is shorter than the crack is wide; its node is put first."""
     ends = [len(_around(segment[0], cells)), len(_around(segment[-1], cells))]
     if sorted(ends)[0] != 1 or sorted(ends)[1] < 3:
         return False
     if ends[0] == 1:
         segment.reverse()
-    limit = 1.5 * distance[segment[0]]
-    # where a crack meets the border its skeleton forks into the mask's two corners there
-    return bool(len(segment) - 1 < (limit if _at_border(segment[-1], shape) else limit + 1))
+    limit = 2 * distance[segment[0]]
+    return bool(len(segment) - 1 < limit + 1)
 
 
 def _smoothed(

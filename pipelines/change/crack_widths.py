@@ -37,6 +37,8 @@ class CrackOpenings:
         Standard uncertainty of one local width.
     step_mm : ndarray of float64, shape (n,)
         Length of crack that each point stands for.
+    unseen_edges : float
+        Share of the edges that missing cells bound, 0 to 1: known to a cell, not to a part of one.
     lines : CrackLines
         All centre lines; the points above are those of them that are clear of junctions and ends.
     """
@@ -46,6 +48,7 @@ class CrackOpenings:
     opening_mm: npt.NDArray[np.float64]
     sigma_mm: npt.NDArray[np.float64]
     step_mm: npt.NDArray[np.float64]
+    unseen_edges: float
     lines: CrackLines
 
 
@@ -88,22 +91,23 @@ def crack_openings(
         normal = np.broadcast_to(np.asarray(across, dtype=np.float64) / np.hypot(*across), normal.shape)
     if row.size == 0:
         empty = np.zeros(0)
-        return CrackOpenings(empty, empty, empty, empty, empty, lines)
+        return CrackOpenings(empty, empty, empty, empty, empty, 0.0, lines)
     reach = rule.max_width_mm / pitch * (1.0 if across is None else 1.5) + RIM_CELLS[1]
     distance = np.arange(0.0, reach + STEP, STEP)
-    edges, sigmas = [], []
+    edges, sigmas, unseen = [], [], []
     sigma_z = float(np.nanmedian(scan.sigma)) if np.isfinite(scan.sigma).any() else 0.0
     sampled = [_profiles(scan.height, mask, row, column, sign * normal, distance) for sign in (1.0, -1.0)]
     floor = np.minimum(*[np.nanmin(np.where(inside, z, np.inf), axis=1) for z, inside in sampled])
     for z, inside in sampled:
-        edge, sigma = _edge(z, inside, floor, distance, sigma_z)
+        edge, sigma, crossed = _edge(z, inside, floor, distance, sigma_z)
+        unseen.append(1.0 - float(crossed.mean()))
         edges.append(edge)
         sigmas.append(sigma)
     width = (edges[0] + edges[1]) * pitch
     middle = 0.5 * (edges[0] - edges[1])
     x = scan.grid.x0_mm + (column + middle * normal[:, 0]) * pitch
     y = scan.grid.y0_mm + (row + middle * normal[:, 1]) * pitch
-    return CrackOpenings(x, y, width, np.hypot(*sigmas) * pitch, step, lines)
+    return CrackOpenings(x, y, width, np.hypot(*sigmas) * pitch, step, float(np.mean(unseen)), lines)
 
 
 def _profiles(
@@ -133,8 +137,11 @@ def _edge(
     floor: npt.NDArray[np.float64],
     distance: npt.NDArray[np.float64],
     sigma_z: float,
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Distance of the edge along each ray and its standard uncertainty, cells; NaN where there is none."""
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
+    """Distance of the edge along each ray and its standard uncertainty, cells; NaN where there is none.
+
+    With them, whether the surface was seen to cross the level; otherwise measurement just begins there.
+    """
     count, samples = z.shape
     lead = np.arange(samples)
     # first sample at which the ray has left the mask
@@ -159,4 +166,4 @@ def _edge(
     # a wall of slope m turns sigma_z into sigma_z / m; where measurement just begins, the edge is somewhere in a cell
     sigma = np.where(crossing, np.minimum(sigma_z / np.maximum(rise, 1e-9) * STEP, 1.0), 1 / np.sqrt(12))
     edge[~found] = np.nan
-    return edge, np.where(found, sigma, np.nan)
+    return edge, np.where(found, sigma, np.nan), crossing

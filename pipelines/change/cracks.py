@@ -9,6 +9,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from ..scan import Scan
+from .smoothing import local_median
 
 __all__ = ["CrackRule", "crack_mask"]
 
@@ -41,6 +42,8 @@ class CrackRule:
     least_elongation: float = 5.0
 
 
+LEAST_WALL = 0.8
+"""Share of a crack's rim that is a wall: a dip between two bumps has gentle sides."""
 EIGHT = np.ones((3, 3), dtype=np.bool_)
 
 
@@ -49,8 +52,8 @@ def crack_mask(scan: Scan, rule: CrackRule | None = None) -> npt.NDArray[np.bool
 
     A cell is a sure part of a crack where some window of width s (5 cells, doubling up to the greatest width)
     finds a valley deeper than ``least_aspect * s`` and than the noise: depth is the closing by a square of side s (the
-    height that the valley's lower rim reaches) less the height. Cells not measured are a sure part where they are bounded
-    by measured ones on two opposite sides no further apart than the greatest width, and touch a valley or
+    height that the valley's lower rim reaches) less the height. Cells not measured are a sure part where they are
+    bounded by measured ones on two opposite sides no further apart than the greatest width, and touch a valley or
     form a long strip: a floor that the camera or the projector does not see. From there the crack grows over
     valley cells and up its walls, as far as they are steep. Parts that are short or not elongated are dropped.
 
@@ -74,8 +77,10 @@ def crack_mask(scan: Scan, rule: CrackRule | None = None) -> npt.NDArray[np.bool
     widest = round(rule.max_width_mm / pitch)
     sure = np.zeros(z.shape, dtype=np.bool_)
     maybe = np.zeros(z.shape, dtype=np.bool_)
+    deepest = np.zeros(z.shape, dtype=np.float32)
     for cells in _windows(widest):
         depth = closing(z, cells) - z
+        deepest = np.fmax(deepest, depth)
         enough = max(noise, rule.least_aspect * cells * pitch)
         sure |= depth > enough
         maybe |= depth > max(noise, 0.5 * enough)
@@ -88,7 +93,50 @@ def crack_mask(scan: Scan, rule: CrackRule | None = None) -> npt.NDArray[np.bool
     near = ndimage.binary_dilation(core, structure=EIGHT, iterations=2) & steep
     reach = max(2, round(rule.max_width_mm / 4 / pitch))
     grown = ndimage.binary_dilation(core, structure=EIGHT, iterations=reach, mask=core | thick | near)
-    return _long_parts(_without_pinholes(grown), rule, pitch)
+    grown = _long_parts(_without_pinholes(grown), rule, pitch)
+    grown = _below_ground(grown, z, deepest, 2 * widest | 1)
+    return _walled(grown, steep, np.isfinite(z))
+
+
+def _walled(
+    mask: npt.NDArray[np.bool_], steep: npt.NDArray[np.bool_], measured: npt.NDArray[np.bool_]
+) -> npt.NDArray[np.bool_]:
+    """Drop the parts that end gently: less than LEAST_WALL of their rim is steep or beside a floor not seen."""
+    labels, count = ndimage.label(mask, structure=EIGHT)
+    if count == 0:
+        return mask
+    rim = mask & ~ndimage.binary_erosion(mask, structure=EIGHT, border_value=1)
+    sharp = rim & (steep | ndimage.binary_dilation(mask & ~measured, structure=EIGHT))
+    keep = np.bincount(labels[sharp], minlength=count + 1) >= LEAST_WALL * np.bincount(labels[rim], minlength=count + 1)
+    keep[0] = False
+    return keep[labels]  # type: ignore[no-any-return]  # scipy ships no types
+
+
+def _below_ground(
+    mask: npt.NDArray[np.bool_], z: npt.NDArray[np.float32], depth: npt.NDArray[np.float32], window: int
+) -> npt.NDArray[np.bool_]:
+    """Drop the parts whose floor is level with the ground around: a gap between two bumps, not a crack.
+
+    The floor (cells deeper than half the part's deepest) must lie below the median of a wide window by half its
+    depth. A part whose floor was not seen is kept.
+    """
+    labels, count = ndimage.label(mask, structure=EIGHT)
+    if count == 0:
+        return mask
+    seen = mask & np.isfinite(z)
+    known = np.where(seen, depth, np.float32(0))
+    most = np.zeros(count + 1, dtype=np.float32)
+    np.maximum.at(most, labels[seen], known[seen])
+    floor = seen & (known > 0.5 * most[labels])
+    ground = local_median(z, window)
+    below = np.where(floor, ground - z, np.float32(0))
+    keep = np.ones(count + 1, dtype=np.bool_)
+    keep[0] = False
+    inside = np.bincount(labels[floor], minlength=count + 1)
+    low = np.bincount(labels[floor], weights=below[floor], minlength=count + 1)
+    deep = np.bincount(labels[floor], weights=known[floor], minlength=count + 1)
+    keep &= (inside == 0) | (low > 0.5 * deep)
+    return keep[labels]  # type: ignore[no-any-return]  # scipy ships no types
 
 
 def _without_pinholes(mask: npt.NDArray[np.bool_], most: int = 25) -> npt.NDArray[np.bool_]:

@@ -59,9 +59,8 @@ def edge_lift(
     if count == 0:
         return nothing
     distance = ndimage.distance_transform_edt(~crack).astype(np.float32) * np.float32(pitch_mm)
-    numbers = np.arange(1, count + 1)
     deepest = np.zeros(count + 1, dtype=np.float32)
-    deepest[1:] = ndimage.maximum(distance, plates, numbers)
+    np.maximum.at(deepest, plates.ravel(), distance.ravel())
     measured = np.isfinite(dz) & (plates > 0)
     edge = measured & (distance > EDGE_BAND_MM[0]) & (distance < EDGE_BAND_MM[1])
     interior = measured & (distance > np.maximum(INTERIOR_SHARE * deepest[plates], EDGE_BAND_MM[1]))
@@ -82,10 +81,8 @@ def edge_lift(
     edges, inners = edge_count[valid], inner_count[valid]
     lifts = edge_sum[valid] / edges - inner_sum[valid] / inners
     lift = float(np.average(lifts, weights=edges))
-    rough = ndimage.median(dz[edge], plates[edge], numbers[valid[1:]])
     # the spread about each plate's own edge level holds noise and the real differences along the edge
-    about = np.zeros(count + 1)
-    about[1:][valid[1:]] = rough
+    about = edge_sum / np.maximum(edge_count, 1)
     keep = valid[plates] & edge
     spread = float(MAD_TO_SIGMA * np.median(np.abs(values[keep] - about[plates[keep]])))
     share = edges / edges.sum()

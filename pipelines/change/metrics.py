@@ -9,6 +9,7 @@ from types import MappingProxyType
 import numpy as np
 import numpy.typing as npt
 
+from ..scan import Scan
 from .crack_widths import CrackOpenings, crack_openings
 from .cracks import crack_mask
 from .curl import edge_lift
@@ -30,6 +31,12 @@ def _volumes(comparison: Comparison) -> Volumes:
 @lru_cache(maxsize=1)
 def _crack(comparison: Comparison) -> npt.NDArray[np.bool_]:
     return crack_mask(comparison.scan) & comparison.region
+
+
+@lru_cache(maxsize=1)
+def _baseline_crack(baseline: Scan) -> npt.NDArray[np.bool_]:
+    # not emptied: the same baseline comes back with every scan of an epoch
+    return crack_mask(baseline)
 
 
 @lru_cache(maxsize=1)
@@ -85,13 +92,14 @@ def _opening_sigma(openings: CrackOpenings, pitch_mm: float) -> float:
     # profiles closer than 5 cells read the same cells
     independent = max(1.0, float(known.sum()) / 5)
     random = float(np.sqrt(np.mean(openings.sigma_mm[known] ** 2) / independent)) if known.any() else pitch_mm
-    # each edge is known to about a third of a cell whatever the noise, the same way all along: no averaging helps
-    raster = pitch_mm / np.sqrt(12) * np.sqrt(2)
+    # whatever the noise, a seen edge is known to half a cell and one where measurement just begins to a cell (both
+    # uniform), the same way all along the crack: no averaging helps
+    raster = pitch_mm * np.sqrt(2 * ((1 - openings.unseen_edges) / 12 + openings.unseen_edges / 3))
     return float(np.hypot(random, raster))
 
 
 def _edge_lift(comparison: Comparison) -> Measurement:
-    crack = _crack(comparison) | crack_mask(comparison.baseline)
+    crack = _crack(comparison) | _baseline_crack(comparison.baseline)
     return edge_lift(comparison.change.dz, crack, comparison.region, comparison.scan.grid.pitch_mm)
 
 

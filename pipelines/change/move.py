@@ -19,6 +19,7 @@ def _resample(  # type: ignore[no-untyped-def]  # numba infers the types from th
 ):
     x0, y0, pitch, new_x0, new_y0, new_pitch = place
     rows, columns = height.shape
+    tilt = abs(inverse[0, 2]) + abs(inverse[1, 2])
     for i in range(out_height.shape[0]):
         y = new_y0 + i * new_pitch
         for j in range(out_height.shape[1]):
@@ -84,7 +85,10 @@ def _resample(  # type: ignore[no-untyped-def]  # numba infers the types from th
                 if w11 > 0:
                     h += w11 * height[b1, a1]
                     s += w11 * sigma[b1, a1]
+                before = z
                 z = matrix[2, 0] * px + matrix[2, 1] * py + matrix[2, 2] * h + matrix[2, 3]
+                if abs(z - before) * tilt < 1e-4 * pitch:
+                    break
             if not found:
                 continue
             out_height[i, j] = z

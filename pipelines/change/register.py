@@ -99,7 +99,8 @@ def find_motion(
         residual_mm=plane.residual,
         overlap=overlap,
         conditioning=drift.conditioning,
-        sigma_z_mm=float(np.sqrt(plane.covariance[0, 0])),
+        # without a majority the offset is known no better than the change differs from place to place
+        sigma_z_mm=plane.residual if share < LEAST_CONSENSUS else float(np.sqrt(plane.covariance[0, 0])),
         sigma_xy_mm=drift.sigma_mm,
         verdict=verdict,
         reason=reason,
@@ -147,10 +148,11 @@ def _levelling(plane: Plane, baseline: Scan) -> npt.NDArray[np.float64]:
 def _judge(drift: Drift, ratio: float, share: float) -> tuple[Verdict, str]:
     """Verdict and reason; the worst comes first."""
     doubtful, failed = TOLERABLE_RESIDUAL
+    if share < LEAST_CONSENSUS:
+        # the surface changed nearly everywhere: the residual is that change and says nothing about the fit
+        return "doubtful", f"no stable areas are given and only {share:.0%} of the surface agrees on one plane"
     if ratio > failed:
         return "failed", f"the stable areas differ by {ratio:.0f} times what the scans' uncertainties predict"
-    if share < LEAST_CONSENSUS:
-        return "doubtful", f"no stable areas are given and only {share:.0%} of the surface agrees on one plane"
     if ratio > doubtful:
         return "doubtful", f"the stable areas differ by {ratio:.1f} times what the scans' uncertainties predict"
     if not np.isfinite(drift.dx_mm):

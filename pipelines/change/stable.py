@@ -115,7 +115,7 @@ def largest_consensus(
     medians = np.nanmedian(cells[full], axis=1).astype(np.float64)
     noise = float(np.nanmedian(patches(sigma)[full]))
     # patches of still ground differ by correlated noise, a good part of one cell's sigma, never less than its mean's
-    bound = 3 * max(0.3 * noise, float(np.median([robust_sigma(c) for c in cells[full]])) / patch, 1e-6)
+    bound = 3 * max(0.3 * noise, robust_sigma(cells[full] - medians[:, None].astype(np.float32)) / patch, 1e-6)
     where = np.flatnonzero(full)
     y, x = (where // columns).astype(np.float64), (where % columns).astype(np.float64)
     design = np.stack([np.ones_like(x), x, y], axis=1)

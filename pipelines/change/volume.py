@@ -7,14 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from .difference import Z_95
 from .smoothing import MAD_TO_SIGMA, local_mean, robust_sigma
 from .values import Change, Measurement
 
-__all__ = ["Volumes", "error_covariance", "volume_sigma", "volumes"]
+__all__ = ["Volumes", "error_covariance", "sum_sigma", "volume_sigma", "volumes"]
 
 LOCAL_CELLS = 5
 """Side of the window whose mean decides between gained and lost: fewer cells are counted for their noise alone."""
 LEAST_STABLE_CELLS = 400
+SHARED_CELLS = 9
+"""Neighbouring cells that share an error where it could not be measured: a stripe is 2 to 3 cells wide."""
 MOST_LAG_MM_SHARE = 0.25
 """Longest lag of the covariance, as a share of the grid's shorter side: beyond it too few pairs are left."""
 
@@ -87,6 +90,22 @@ def volume_sigma(mask: npt.NDArray[np.bool_], covariance: npt.NDArray[np.float64
     return float(pitch_mm**2 * np.sqrt(max(0.0, float(count[: reach + 1] @ covariance))))
 
 
+def sum_sigma(
+    use: npt.NDArray[np.bool_],
+    lod: npt.NDArray[np.float32],
+    covariance: npt.NDArray[np.float64] | None,
+    pitch_mm: float,
+) -> float:
+    """Standard uncertainty of a volume, mm3: from still ground, and never less than the scans' own sigmas allow.
+
+    Ground that did not move at all repeats its errors (the stripes fall where they fell before) and looks better than
+    what changed. So the least is the cells' own sigmas with SHARED_CELLS neighbours sharing each error.
+    """
+    variance = float(((lod[use].astype(np.float64) / Z_95) ** 2).sum()) * SHARED_CELLS
+    least = float(np.sqrt(variance)) * pitch_mm**2
+    return least if covariance is None else max(least, volume_sigma(use, covariance, pitch_mm))
+
+
 def _lags(shape: list[int], reach: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.bool_]]:
     """Distance of each lag of a real FFT's plane, whole cells; and which are within reach."""
     row = np.minimum(np.arange(shape[0]), shape[0] - np.arange(shape[0]))
@@ -132,13 +151,10 @@ def volumes(change: Change, region: npt.NDArray[np.bool_], stable: npt.NDArray[n
     lost = gained - net
 
     covariance = error_covariance(change.dz, stable)
-    random = change.lod[use] / 1.96
+    spread = sum_sigma(use, change.lod, covariance, grid.pitch_mm)
     if covariance is None:
-        # no ground to learn the correlation from: cells share their error over the window, as a cautious guess
-        spread = float(np.sqrt((random.astype(np.float64) ** 2).sum())) * LOCAL_CELLS * cell
-        noise = float(np.median(random)) / 2
+        noise = float(np.median(change.lod[use])) / Z_95 / 2
     else:
-        spread = volume_sigma(use, covariance, grid.pitch_mm)
         noise = float(MAD_TO_SIGMA * np.nanmedian(np.abs(local_mean(change.dz, LOCAL_CELLS)[stable])))
     shared = change.motion.sigma_z_mm if np.isfinite(change.motion.sigma_z_mm) else 0.0
     area = int(use.sum()) * cell
