@@ -6,7 +6,7 @@ from .errors import CaptureError, ConfigError, DeviceUnavailable, InputError, Mi
 
 if TYPE_CHECKING:
     from .campaign import Alarm, CalibrationSource, Campaign, RigSettings, Schedule, Site
-    from .load import CampaignFile, did_you_mean, load_campaign, read_campaign
+    from .load import CampaignFile, did_you_mean, load_campaign, parse_campaign, read_campaign
     from .places import Document, Route, read_yaml
     from .units import format_duration, parse_duration
 
@@ -29,6 +29,7 @@ __all__ = [
     "did_you_mean",
     "format_duration",
     "load_campaign",
+    "parse_campaign",
     "parse_duration",
     "read_campaign",
     "read_yaml",
@@ -36,7 +37,7 @@ __all__ = [
 
 _LATER = {
     "campaign": ("Alarm", "CalibrationSource", "Campaign", "RigSettings", "Schedule", "Site"),
-    "load": ("CampaignFile", "did_you_mean", "load_campaign", "read_campaign"),
+    "load": ("CampaignFile", "did_you_mean", "load_campaign", "parse_campaign", "read_campaign"),
     "places": ("Document", "Route", "read_yaml"),
     "units": ("format_duration", "parse_duration"),
 }

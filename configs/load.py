@@ -14,7 +14,7 @@ from .campaign import Campaign
 from .errors import ConfigError, InputError
 from .places import Document, Route, read_yaml
 
-__all__ = ["CampaignFile", "did_you_mean", "load_campaign", "read_campaign"]
+__all__ = ["CampaignFile", "did_you_mean", "load_campaign", "parse_campaign", "read_campaign"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +62,11 @@ def read_campaign(path: str | Path) -> CampaignFile:
         raise InputError(f"{path}: cannot be read: {error.strerror}") from None
     document = read_yaml(text, str(path))
     return CampaignFile(_campaign(document, file.parent), file, text, document)
+
+
+def parse_campaign(text: str, file: str, folder: Path) -> Campaign:
+    """Read a campaign from text, such as a store keeps it; relative paths are `folder`'s. Errors as `load_campaign`."""
+    return _campaign(read_yaml(text, file), folder)
 
 
 def _campaign(document: Document, folder: Path) -> Campaign:

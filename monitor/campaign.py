@@ -13,7 +13,7 @@ from threading import Event as Flag
 import numpy as np
 
 from configs import Campaign, InputError
-from pipelines import Calibration, Grid, Instant, PatternSet, format_instant
+from pipelines import Calibration, Frames, Grid, Instant, PatternSet, format_instant
 from storage import Ledger, LedgerRow, Store, create_store, ledger_beside, open_store
 
 from . import __version__
@@ -21,7 +21,7 @@ from .clock import Clock
 from .loop import Loop, Outcome, Settled
 from .rigs import BOARD, Rig, calibration_captures, make_rig
 from .scheduler import OnceSlots, Slots, grace_of, make_slots
-from .visit import Recipe, failed_tick
+from .visit import Epoch, Recipe, Yield, failed_tick, visit
 
 __all__ = [
     "campaign_hash",
@@ -30,6 +30,7 @@ __all__ = [
     "read_pattern_set",
     "reconcile",
     "resume_point",
+    "resume_slots",
     "run_campaign",
     "simulated_calibration_file",
 ]
@@ -52,6 +53,7 @@ def run_campaign(
     stop: Flag | None = None,
     text: str = "",
     now: bool = False,
+    work: Callable[[Frames, Recipe, Epoch | None, Instant], Yield] = visit,
 ) -> Outcome:
     """Run a campaign until its schedule is over, or something stops it.
 
@@ -80,6 +82,8 @@ def run_campaign(
         The campaign file's text, kept in the store.
     now : bool
         One visit at once, whatever the schedule says (`microrelief scan`).
+    work : callable
+        What makes a tick of a capture.
 
     Returns
     -------
@@ -112,7 +116,7 @@ def run_campaign(
             ledger = Ledger(ledger_beside(campaign.store.path))
             stack.callback(ledger.close)
         reconcile(ledger, store)
-        slots, last = _resume(campaign, ledger.rows(), clock.now(), now)
+        slots, last = resume_slots(campaign, ledger.rows(), clock.now(), now)
         loop = Loop(
             slots,
             lambda slot: grace_of(campaign, slots, slot),
@@ -125,6 +129,7 @@ def run_campaign(
             on_settled or (lambda settled: None),
             on_wait or (lambda slot: None),
             stop or Flag(),
+            work=work,
             rig_is_open=True,
         )
         return loop.run(max_scans)
@@ -238,15 +243,17 @@ def resume_point(campaign: Campaign, now: Instant) -> tuple[Slots, Instant]:
     """Give a campaign's slots, and the newest one that has been dealt with; changes nothing."""
     beside = ledger_beside(campaign.store.path)
     if not beside.exists():
-        return _resume(campaign, (), now, False)
+        return resume_slots(campaign, (), now)
     ledger = Ledger(beside, write=False)
     try:
-        return _resume(campaign, ledger.rows(), now, False)
+        return resume_slots(campaign, ledger.rows(), now)
     finally:
         ledger.close()
 
 
-def _resume(campaign: Campaign, known: Sequence[LedgerRow], now: Instant, once: bool) -> tuple[Slots, Instant]:
+def resume_slots(
+    campaign: Campaign, known: Sequence[LedgerRow], now: Instant, once: bool = False
+) -> tuple[Slots, Instant]:
     """Give the slots, and the newest one that has been dealt with, so that a restart stays on the same grid."""
     if once:
         return OnceSlots(now), now - NANOSECOND

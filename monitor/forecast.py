@@ -18,8 +18,8 @@ from .scheduler import Slots, grace_of, slots_between
 
 __all__ = ["bytes_per_scan", "forecast_lines", "next_slots", "stored_bytes"]
 
-BYTES_PER_CELL = 5.4
-"""A stored scan with its change, compressed: height 1.1, sigma 1.2, texture 0.9, level 0, dz 1.1, lod 1.0, bins 0.1."""
+BYTES_PER_CELL = 4.0
+"""A stored scan with its change, compressed: 2.8 to 3.8 were measured on the simulated soil."""
 
 SHOWN = 6
 DAY = np.timedelta64(86400 * 10**9, "ns")

@@ -12,19 +12,22 @@ from typing import Protocol, get_args
 import structlog
 
 from configs import CaptureError, DeviceUnavailable
-from pipelines import Frames, Instant, Tick, format_instant
+from pipelines import Event, Frames, Instant, Tick, format_instant
 from storage import Store
 
+from . import __version__
 from .clock import Clock, seconds_between
 from .rigs import Rig
 from .scheduler import Slots, slots_between
 from .visit import Epoch, Recipe, State, Yield, failed_tick, visit
 
-__all__ = ["LedgerLike", "Loop", "Outcome", "Settled"]
+__all__ = ["BEGAN", "ENDED", "LedgerLike", "Loop", "Outcome", "Settled"]
 
 RUNNING = "previous scan still running"
 NOT_RUNNING = "microrelief was not running"
 ASLEEP = "the machine slept, or its clock was set forward"
+BEGAN = "monitoring began"
+ENDED = "monitoring ended"
 _log = structlog.get_logger("microrelief.loop")
 
 
@@ -148,6 +151,7 @@ class Loop:
             newest = self.store[-1]
             self._epoch = Epoch(self.store[newest.baseline].scan, newest.alarms)
         self._started = self._busy_until = self.clock.now()
+        self._note(f"{BEGAN}: microrelief {__version__}")
         visits = 0
         while not self.stop.is_set() and (max_scans is None or visits < max_scans):
             slot = self.slots.after(self.last)
@@ -161,7 +165,14 @@ class Loop:
             if slot is not None:
                 self._visit(slot)
                 visits += 1
+        why = "asked to stop" if self.stop.is_set() else "visits done" if visits == max_scans else "schedule over"
+        self._note(f"{ENDED}: {why}, {self._counts['taken']} taken")
         return Outcome(**self._counts, away=self._away, lags_s=tuple(self._lags), stopped=self.stop.is_set())
+
+    def _note(self, text: str) -> None:
+        """Note in the store that monitoring began or ended: without the end, somebody pulled the plug."""
+        now = self.clock.now()
+        self._append(Tick(now, events=(Event(now, "note", text),)))
 
     def _newest_due(self, slot: Instant) -> Instant | None:
         """Of all slots that are due, miss all but the newest, and that too if its grace is over."""

@@ -67,9 +67,10 @@ class FakeStore:
         return [_Kept(tick.planned, tick.scan) for tick in self.ticks if tick.scan is not None]
 
     def append(self, tick: Tick) -> int | None:
-        number = self.appends
-        self.appends += 1
-        self.script(number)
+        if tick.scan is not None:
+            number = self.appends
+            self.appends += 1
+            self.script(number)
         self.ticks.append(tick)
         return len(self.scans) - 1 if tick.scan is not None else None
 
@@ -81,7 +82,7 @@ class FakeStore:
 
     @property
     def events(self) -> list[str]:
-        return [f"{event.kind}: {event.text}" for tick in self.ticks for event in tick.events]
+        return [f"{event.kind}: {event.text}" for tick in self.ticks for event in tick.events if event.kind != "note"]
 
 
 @dataclass

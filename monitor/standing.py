@@ -1,0 +1,227 @@
+"""How a campaign stands, from its store and ledger alone: what was taken and missed, what is due, what is in alarm."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from configs import Campaign, ConfigError, StoreError, parse_campaign
+from pipelines import AlarmState, Instant, as_datetime, format_instant, instant
+from pipelines.trends import worst_state
+from storage import Ledger, LedgerRow, Store, ledger_beside, open_store
+
+from .campaign import resume_slots
+from .clock import seconds_between
+from .loop import ENDED
+from .scheduler import Slots, grace_of, slots_between
+
+__all__ = ["Standing", "look"]
+
+RECENT = 28
+"""So many of the newest slots decide whether a campaign is degraded: a week of visits every six hours."""
+
+MANY = 100_000
+"""Overdue slots are counted up to here."""
+
+LOCK = "writer.lock"
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """How a campaign stands.
+
+    Parameters
+    ----------
+    site, store : str
+    state : str
+        ``alarm``, ``degraded`` (of the newest slots some were missed, rejected or failed, or a slot is overdue),
+        ``warning``, ``empty`` (no scan yet) or ``ok``.
+    running : bool
+        Whether a process holds the store for writing.
+    scans, missed, rejected, failed : int
+        Scans in the store; slots that ended so.
+    last, next : Instant or None
+        Time of the newest scan; the next slot, None where the schedule is over or not known.
+    overdue : int
+        Slots whose grace is over and that nobody answered or recorded, since monitoring last ended unexpectedly.
+    alarms : mapping of str to str
+    disk_bytes, free_bytes : int
+    disk_full : Instant or None
+        When the disk will be full at this pace; None where that is not known.
+    why : str
+        What is wrong, in words; empty where nothing is.
+    """
+
+    site: str
+    store: str
+    state: str
+    running: bool
+    scans: int
+    missed: int
+    rejected: int
+    failed: int
+    last: Instant | None
+    next: Instant | None
+    overdue: int
+    alarms: Mapping[str, AlarmState] = field(default_factory=dict)
+    disk_bytes: int = 0
+    free_bytes: int = 0
+    disk_full: Instant | None = None
+    why: str = ""
+
+    @property
+    def exit_code(self) -> int:
+        """3 in alarm, 4 degraded, else 0."""
+        return {"alarm": 3, "degraded": 4}.get(self.state, 0)
+
+    def as_mapping(self) -> dict[str, object]:
+        """Give it as JSON has it: times as ISO 8601 text, null where there is none."""
+        mapping: dict[str, object] = {}
+        for name in self.__dataclass_fields__:
+            value: object = getattr(self, name)
+            mapping[name] = format_instant(value) if isinstance(value, np.datetime64) else value
+        return mapping
+
+
+def look(path: Path, now: Instant, campaign: Campaign | None = None) -> Standing:
+    """Look how a store's campaign stands.
+
+    Parameters
+    ----------
+    path : Path
+        The store.
+    now : Instant
+    campaign : Campaign, optional
+        Its campaign as it is now; without it, as the store keeps it.
+
+    Raises
+    ------
+    StoreError
+        If there is no store.
+    """
+    store = open_store(path)
+    if campaign is None:
+        campaign = _kept_campaign(store, path)
+    rows = _rows(path)
+    counts = {state: sum(row.state == state for row in rows) for state in ("missed", "rejected", "failed")}
+    newest = store[-1] if len(store) else None
+    running = _held(path / LOCK)
+    coming, overdue = _due(campaign, rows, now, running=running, ended=_ended(store))
+    alarms = dict(newest.alarms) if newest is not None else {}
+    state, why = _judge(rows, alarms, overdue, empty=newest is None)
+    disk, free, full = _disk(path, store, now)
+    return Standing(
+        store.about.site, str(path), state, running, len(store),
+        counts["missed"], counts["rejected"], counts["failed"],
+        newest.scan.time if newest is not None else None, coming, overdue, alarms, disk, free, full, why,
+    )  # fmt: skip
+
+
+def _kept_campaign(store: Store, path: Path) -> Campaign | None:
+    text = store.about.campaign
+    if not text:
+        return None
+    try:
+        return parse_campaign(text, f"the campaign in {path}", path.parent)
+    except ConfigError:  # of another version; what the store says does not hang on it
+        return None
+
+
+def _rows(path: Path) -> tuple[LedgerRow, ...]:
+    where = ledger_beside(path)
+    if not where.exists():
+        return ()
+    ledger = Ledger(where, write=False)
+    try:
+        return ledger.rows()
+    finally:
+        ledger.close()
+
+
+def _ended(store: Store) -> bool:
+    """Whether monitoring was last ended on purpose."""
+    notes = [event.text for event in store.events if event.kind == "note" and event.text.startswith("monitoring ")]
+    return bool(notes) and notes[-1].startswith(ENDED)
+
+
+def _due(
+    campaign: Campaign | None, rows: tuple[LedgerRow, ...], now: Instant, *, running: bool, ended: bool
+) -> tuple[Instant | None, int]:
+    """Give the next slot, and how many are overdue."""
+    if campaign is None or campaign.schedule.video is not None:
+        return None, 0
+    slots, last = resume_slots(campaign, rows, now)
+    coming = slots.after(now)
+    if ended and not running:
+        return coming, 0
+    return coming, _overdue(campaign, slots, last, now)
+
+
+def _overdue(campaign: Campaign, slots: Slots, last: Instant, now: Instant) -> int:
+    due = list(islice(slots_between(slots, last, now), MANY))
+    if due and seconds_between(due[-1], now) <= grace_of(campaign, slots, due[-1]):
+        due.pop()
+    return len(due)
+
+
+def _judge(
+    rows: tuple[LedgerRow, ...], alarms: Mapping[str, AlarmState], overdue: int, *, empty: bool
+) -> tuple[str, str]:
+    worst = worst_state(alarms.values())
+    if worst == "alarm":
+        return "alarm", "in alarm: " + ", ".join(name for name, state in alarms.items() if state == "alarm")
+    bad = [row for row in rows[-RECENT:] if row.state in ("missed", "rejected", "failed")]
+    if overdue:
+        return "degraded", f"{overdue} {'slot is' if overdue == 1 else 'slots are'} overdue and nobody answered"
+    if bad:
+        text = f"{len(bad)} of the newest {min(len(rows), RECENT)} slots not taken; the last: {bad[-1].state}"
+        return "degraded", f"{text} {format_instant(bad[-1].planned)}, {bad[-1].cause}"
+    if empty:
+        return "empty", "no scan yet"
+    if worst in ("warning", "no data"):
+        return "warning", ", ".join(f"{name}: {state}" for name, state in alarms.items() if state != "ok")
+    return "ok", ""
+
+
+def _disk(path: Path, store: Store, now: Instant) -> tuple[int, int, Instant | None]:
+    used = sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
+    free = shutil.disk_usage(path).free
+    if len(store) < 2:
+        return used, free, None
+    seconds = seconds_between(store[0].scan.time, store[-1].scan.time)
+    left = free / used * seconds * len(store) / (len(store) - 1)
+    if not 0 < left < 100 * 365 * 86400:
+        return used, free, None
+    return used, free, instant(as_datetime(now + np.timedelta64(round(left), "s")))
+
+
+def _held(file: Path) -> bool:
+    """Whether a process holds a lock file."""
+    try:
+        descriptor = os.open(file, os.O_RDONLY)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False
+
+
+def is_store(path: Path) -> bool:
+    """Whether a path is to be taken as a store: a folder, or no file that could be a campaign."""
+    return path.is_dir() or path.suffix not in (".yaml", ".yml")
+
+
+def no_store(path: Path) -> StoreError:
+    """Say that a campaign has no store yet."""
+    return StoreError(f"{path}: no store yet: `microrelief run` makes it with the first scan")
