@@ -1,13 +1,27 @@
 """Reads a store and shows it: the Rerun timeline and the report."""
 
+from .findings import Findings, gather
 from .record import record_review
+from .report import SECTIONS, write_findings, write_report
+from .section import Figure, Section, Table
+from .verdict import Verdict, judge_findings
 from .viewer import NO_SCREEN, check_ports, has_screen, open_viewer, serve_web
 
 __all__ = [
     "NO_SCREEN",
+    "SECTIONS",
+    "Figure",
+    "Findings",
+    "Section",
+    "Table",
+    "Verdict",
     "check_ports",
+    "gather",
     "has_screen",
+    "judge_findings",
     "open_viewer",
     "record_review",
     "serve_web",
+    "write_findings",
+    "write_report",
 ]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from pipelines import change
+from pipelines.change import METRICS
 
 from .quantities import unit_text
 
@@ -44,7 +44,7 @@ class TrendGroup:
 
 def name_metric(name: str, unit: str) -> Named:
     """Find the words of a metric; one that this version does not know keeps its own name."""
-    known = getattr(change, "METRICS", {}).get(name)
+    known = METRICS.get(name)
     if known is not None:
         return Named(name, unit, known.title, known.definition)
     words = name.replace("_", " ")

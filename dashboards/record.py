@@ -95,11 +95,11 @@ def _layout(store: Store, series: pd.DataFrame) -> Layout:
     total = len(store)
     chosen = [store[number] for number in sorted({0, total // 2, total - 1})]
     heights = np.concatenate([stored.scan.height[np.isfinite(stored.scan.height)] for stored in chosen])
-    low, high = (float(edge) for edge in np.percentile(heights, (1, 99))) if heights.size else (0.0, 1.0)
+    low, high = (float(edge) for edge in np.percentile(heights, (2, 98))) if heights.size else (0.0, 1.0)
     span = Range(low, high) if high > low else Range(low - 0.5, high + 0.5)
     changes = [stored.change.dz for stored in chosen if stored.change is not None]
     moved = np.concatenate([np.abs(dz[np.isfinite(dz)]) for dz in changes]) if changes else np.zeros(0)
-    limit = round_limit(float(np.percentile(moved, 98))) if moved.size else 0.0
+    limit = round_limit(float(np.percentile(moved, 95))) if moved.size else 0.0
     grid = chosen[-1].scan.grid
     lasted = (chosen[-1].scan.time - chosen[0].scan.time) / np.timedelta64(1, "s")
     interval = float(lasted) / max(total - 1, 1)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pipelines import Instant
-from storage import Store
+from storage import Ledger, Store, ledger_beside
 
 __all__ = ["Visit", "visits"]
 
@@ -50,4 +50,13 @@ def _planned(store: Store) -> list[Instant]:
 
 
 def _from_ledger(store: Store) -> tuple[Visit, ...] | None:
-    return None
+    """Read the ledger, or give None where there is none: a store in a bucket, in memory, or copied without it."""
+    address = ledger_beside(store.about.location)
+    if not address.exists():
+        return None
+    ledger = Ledger(address, write=False)
+    try:
+        rows = ledger.rows()
+    finally:
+        ledger.close()
+    return tuple(Visit(row.planned, row.state, row.cause) for row in rows if row.state != "planned") or None

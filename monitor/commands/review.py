@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import shlex
+import signal
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from types import FrameType
 from typing import Annotated
 
 from cyclopts import Parameter
@@ -79,9 +81,17 @@ def _record(store: Store, file: Path) -> None:
 
 
 def _wait(server: subprocess.Popen[str]) -> int:
+    """Wait for Ctrl-C or a stop by the system; both end the server with us."""
+    before = signal.signal(signal.SIGTERM, _interrupt)
     try:
         code = server.wait()
     except KeyboardInterrupt:
         print("stopped", file=sys.stderr)
         return 0
+    finally:
+        signal.signal(signal.SIGTERM, before)
     raise MicroreliefError(f"the review server ended by itself with code {code}: start it again")
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    raise KeyboardInterrupt

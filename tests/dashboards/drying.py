@@ -26,6 +26,13 @@ UNITS = {
     "crack_opening": "mm",
     "edge_lift": "mm",
 }
+CAMPAIGN = """
+site: {name: "Plot 7, north bank"}
+metrics: [net_volume, crack_opening]
+alarms:
+  - {name: crack opening, metric: crack_opening, warn_above: 0.25, alarm_above: 0.36}
+  - {metric: edge_lift, warn_above: 9}
+"""
 
 
 @dataclass
@@ -143,5 +150,5 @@ def drying_store(
     columns = ["scan"] + [part for name in UNITS for part in (name, f"{name}_sigma")]
     table = pd.DataFrame(rows, index=index, columns=columns)
     table.attrs["units"] = dict(UNITS)
-    about = About(location, site, grid, "", "5e1ec7ed", "microrelief 0.1.0", 1, "SNAP0123", dict(UNITS))
+    about = About(location, site, grid, CAMPAIGN, "5e1ec7ed", "microrelief 0.1.0", 1, "SNAP0123", dict(UNITS))
     return DryingStore(about, tuple(kept), tuple(events), table)

@@ -1,0 +1,86 @@
+"""Height and change maps as SVG: the picture inside, a scale bar and a colour bar below."""
+
+from __future__ import annotations
+
+import base64
+from xml.sax.saxutils import escape
+
+import numpy as np
+
+from pipelines import Change, Scan
+
+from .palette import CHANGE_SCALE, HEIGHT_SCALE, NOT_MEASURED, Rgb, colour_table, hex_colour
+from .quantities import plain
+from .raster import Range, change_png, height_png
+
+__all__ = ["change_map", "height_map"]
+
+_WIDTH = 420.0
+_FOOT = 62.0
+_MOST_CELLS = 250_000
+
+
+def height_map(scan: Scan, span: Range, alternative: str) -> str:
+    """Draw a scan's heights between the two ends of `span`, mm."""
+    return _map(
+        height_png(scan.height, span, _MOST_CELLS),
+        scan,
+        HEIGHT_SCALE,
+        span,
+        alternative,
+        bool(np.isnan(scan.height).any()),
+    )
+
+
+def change_map(scan: Scan, change: Change, limit_mm: float, alternative: str) -> str:
+    """Draw a scan's change since its baseline from -`limit_mm` to `limit_mm`."""
+    png = change_png(change.dz, change.lod, limit_mm, _MOST_CELLS)
+    return _map(png, scan, CHANGE_SCALE, Range(-limit_mm, limit_mm), alternative, bool(np.isnan(change.dz).any()))
+
+
+def _map(png: bytes, scan: Scan, scale: tuple[Rgb, ...], span: Range, alternative: str, holes: bool) -> str:
+    grid = scan.grid
+    height = _WIDTH * grid.rows / grid.columns
+    per_mm = _WIDTH / (grid.columns * grid.pitch_mm)
+    data = base64.b64encode(png).decode("ascii")
+    attribute = escape(alternative, {'"': "&quot;"})
+    parts = [
+        f'<svg class="map" viewBox="0 0 {_WIDTH:g} {height + _FOOT:.1f}" role="img" aria-label="{attribute}">',
+        f"<title>{escape(alternative)}</title>",
+        f'<image href="data:image/png;base64,{data}" width="{_WIDTH:g}" height="{height:.1f}" '
+        'preserveAspectRatio="none"/>',
+        f'<rect class="frame" x="0.5" y="0.5" width="{_WIDTH - 1:g}" height="{height - 1:.1f}"/>',
+    ]
+    bar_mm = _scale_bar_mm(grid.columns * grid.pitch_mm)
+    at = height + 16
+    bar_end = bar_mm * per_mm
+    parts.append(f'<path class="bar" d="M1 {at - 4:.1f}v8m0 -4h{bar_end:.1f}m0 -4v8"/>')
+    parts.append(f'<text class="tick" x="{bar_end + 9:.1f}" y="{at + 4:.1f}">{plain(bar_mm)} mm</text>')
+    if holes:
+        parts.append(
+            f'<rect x="1" y="{at + 17:.1f}" width="12" height="12" fill="{hex_colour(NOT_MEASURED)}"/>'
+            f'<text class="tick" x="18" y="{at + 27.5:.1f}">not measured</text>'
+        )
+    left, right = 0.42 * _WIDTH, _WIDTH - 24
+    steps = 48
+    each = (right - left) / steps
+    parts += [
+        # Each bar reaches under the next: hairlines of background would show between exact ones.
+        f'<rect x="{left + index * each:.2f}" y="{at - 7:.1f}" height="14" '
+        f'width="{min(each + 1, right - left - index * each):.2f}" '
+        f'fill="{hex_colour((int(red), int(green), int(blue)))}"/>'
+        for index, (red, green, blue) in enumerate(colour_table(scale, steps))
+    ]
+    for share, value in ((0.0, span.low), (0.5, (span.low + span.high) / 2), (1.0, span.high)):
+        text = f"{'+' if value > 0 and span.low < 0 else ''}{plain(value, 2)}" + (" mm" if share == 1 else "")
+        anchor = "end" if share == 1 else "middle"
+        x = _WIDTH if share == 1 else left + share * (right - left)
+        parts.append(f'<text class="tick" x="{x:.1f}" y="{at + 24:.1f}" text-anchor="{anchor}">{text}</text>')
+    parts.append("</svg>")
+    return "".join(parts)
+
+
+def _scale_bar_mm(width_mm: float) -> float:
+    """The largest 1, 2 or 5 times a power of ten within a quarter of the width."""
+    power = 10.0 ** np.floor(np.log10(width_mm / 4))
+    return float(max(step * power for step in (1, 2, 5) if step * power <= width_mm / 4 * (1 + 1e-9)))

@@ -1,0 +1,75 @@
+"""Maps: what the surface looks like, and where it changed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..findings import Findings
+from ..maps import change_map, height_map
+from ..quantities import day_and_time, plain
+from ..raster import Range, round_limit
+from ..section import Figure, Section
+
+__all__ = ["maps"]
+
+
+def maps(findings: Findings) -> Section | None:
+    """Show heights at the baseline and now, and a strip of changes, each kind on one scale."""
+    first, last = findings.first, findings.last
+    if first is None or last is None:
+        return None
+    text = [
+        "Seen from the camera, x to the right and y upwards. In a height map dark is low and yellow is high, in mm "
+        "above the reference plane."
+    ]
+    heights = [first, last] if last.number != first.number else [last]
+    span = _height_range([stored.scan.height for stored in heights])
+    figures = [
+        Figure(
+            height_map(stored.scan, span, f"Height map of scan {stored.number}, {day_and_time(stored.scan.time)}."),
+            f"Height, scan {stored.number}{' (baseline)' if stored.number == first.number else ''}, "
+            f"{day_and_time(stored.scan.time)}",
+        )
+        for stored in heights
+    ]
+    moved = [stored for stored in findings.between if stored.epoch == last.epoch and stored.change is not None]
+    if moved:
+        text.append(
+            "A change map shows how far each spot has moved since the baseline: blue came towards the camera, red sank "
+            "away. Spots whose change is smaller than what the scans can tell (their level of detection) stay pale; "
+            "the two ends of the scale also stand for more."
+        )
+        limit = _change_limit([stored.change.dz for stored in moved if stored.change is not None])
+        for stored in moved:
+            change = stored.change
+            assert change is not None  # filtered above
+            known = np.isfinite(change.dz)
+            share = 100 * float(change.significant.sum()) / max(int(known.sum()), 1)
+            lod = float(np.nanmedian(change.lod)) if known.any() else float("nan")
+            words = f"Change, scan {stored.number}, {day_and_time(stored.scan.time)}"
+            figures.append(
+                Figure(
+                    change_map(
+                        stored.scan,
+                        change,
+                        limit,
+                        f"{words}: {plain(share, 3)}\N{NO-BREAK SPACE}% of the cells changed.",
+                    ),
+                    f"{words}: {plain(share, 3)}\N{NO-BREAK SPACE}% of the cells changed by more than "
+                    f"their level of detection (median {plain(1000 * lod, 2)} µm)",
+                )
+            )
+    return Section("maps", "Height and change maps", text=tuple(text), figures=tuple(figures))
+
+
+def _height_range(heights: list[np.ndarray]) -> Range:
+    known = np.concatenate([height[np.isfinite(height)] for height in heights])
+    if not known.size:
+        return Range(-0.5, 0.5)
+    low, high = (float(edge) for edge in np.percentile(known, (2, 98)))
+    return Range(low, high) if high > low else Range(low - 0.5, high + 0.5)
+
+
+def _change_limit(changes: list[np.ndarray]) -> float:
+    moved = np.concatenate([np.abs(dz[np.isfinite(dz)]) for dz in changes])
+    return round_limit(float(np.percentile(moved, 95))) if moved.size else 0.001

@@ -1,0 +1,172 @@
+"""``microrelief review`` and ``microrelief report`` as people call them."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import urllib.request
+from collections.abc import Callable
+from pathlib import Path
+
+import psutil
+import pytest
+
+from tests.dashboards.drying import DryingStore, drying_store
+from tests.dashboards.filled_store import fill_store
+
+Run = Callable[..., subprocess.CompletedProcess[str]]
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return fill_store(drying_store(5, 40), tmp_path_factory.mktemp("campaign") / "plot.icechunk")
+
+
+@pytest.fixture(scope="module")
+def empty_store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    full = drying_store(1, 20)
+    return fill_store(DryingStore(full.about), tmp_path_factory.mktemp("campaign") / "empty.icechunk")
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Run:
+    """Call the command line in its own process, in an empty folder and without a screen."""
+    environment = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY")}
+
+    def call(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", "monitor.cli", *map(str, arguments)]
+        return subprocess.run(
+            command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=100, check=False
+        )
+
+    return call
+
+
+def one_line(ended: subprocess.CompletedProcess[str]) -> str:
+    """The only line of stderr."""
+    (line,) = ended.stderr.strip().splitlines()
+    return line
+
+
+def test_review_is_saved_and_says_how_to_open_it(store: Path, run: Run, tmp_path: Path) -> None:
+    ended = run("review", store, "--save", "my review.rrd")
+    assert ended.returncode == 0, ended.stderr
+    assert (tmp_path / "my review.rrd").stat().st_size > 10_000
+    assert "5 scans" in ended.stdout
+    assert "rerun 'my review.rrd'" in ended.stdout
+    assert "recording scans: 5 of 5" in ended.stderr
+
+
+def test_review_without_a_screen_says_what_to_do(store: Path, run: Run) -> None:
+    if sys.platform in ("darwin", "win32"):
+        pytest.skip("these systems always have a screen")
+    ended = run("review", store)
+    assert ended.returncode == 1
+    assert one_line(ended).startswith("microrelief: no screen here")
+    assert "--web" in one_line(ended)
+    assert "--save" in one_line(ended)
+
+
+@pytest.mark.parametrize("command", [("review", "--save", "r.rrd"), ("report", "--out", "out")])
+def test_a_path_that_is_no_store_is_said_in_one_line(command: tuple[str, ...], run: Run, tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    for path in ("nowhere", "folder"):
+        ended = run(command[0], path, *command[1:])
+        assert ended.returncode == 1
+        assert path in one_line(ended)
+
+
+def test_an_empty_store_cannot_be_reviewed(empty_store: Path, run: Run) -> None:
+    ended = run("review", empty_store, "--save", "r.rrd")
+    assert ended.returncode == 1
+    assert "holds no scan yet" in one_line(ended)
+
+
+def test_web_and_save_exclude_each_other(store: Path, run: Run) -> None:
+    ended = run("review", store, "--web", "--save", "r.rrd")
+    assert ended.returncode == 2
+    assert "choose one" in one_line(ended)
+
+
+@pytest.mark.parametrize("port", ["0", "65535", "99999"])
+def test_a_port_that_does_not_exist_is_refused(port: str, store: Path, run: Run) -> None:
+    ended = run("review", store, "--web", "--port", port)
+    assert ended.returncode == 2
+    assert "does not exist" in one_line(ended)
+
+
+def test_a_busy_port_is_said_in_one_line(store: Path, run: Run) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        ended = run("review", store, "--web", "--port", str(port))
+    assert ended.returncode == 1
+    assert f"port {port} cannot be used" in one_line(ended)
+    assert "--port" in one_line(ended)
+
+
+def two_free_ports() -> int:
+    """The first of two neighbouring ports on which nothing listens now."""
+    for _ in range(50):
+        with socket.socket() as first, socket.socket() as second:
+            first.bind(("127.0.0.1", 0))
+            port: int = first.getsockname()[1]
+            try:
+                second.bind(("127.0.0.1", port + 1))
+            except OSError:
+                continue
+            return port
+    raise AssertionError("no two free ports side by side")
+
+
+def test_the_web_review_listens_on_this_machine_alone_and_ends_with_us(store: Path) -> None:
+    port = two_free_ports()
+    command = [sys.executable, "-m", "monitor.cli", "review", str(store), "--web", "--port", str(port)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as reviewing:
+        assert reviewing.stdout is not None
+        try:
+            line = reviewing.stdout.readline()
+            assert f"http://127.0.0.1:{port}/" in line
+            (server,) = psutil.Process(reviewing.pid).children()
+            listening = {(c.laddr.ip, c.laddr.port) for c in server.net_connections() if c.status == "LISTEN"}
+            assert listening == {("127.0.0.1", port), ("127.0.0.1", port + 1)}
+            with urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=20) as page:
+                assert b"<html" in page.read().lower()
+            reviewing.send_signal(signal.SIGTERM)
+            assert reviewing.wait(timeout=20) == 0
+            assert not server.is_running()
+        finally:
+            if reviewing.poll() is None:
+                reviewing.kill()
+
+
+def test_report_of_a_site_in_alarm_exits_3(store: Path, run: Run, tmp_path: Path) -> None:
+    ended = run("report", store, "--out", "out")
+    assert ended.returncode == 3, ended.stderr
+    assert ended.stdout.startswith("In alarm: Crack opening is ")
+    assert {file.name for file in (tmp_path / "out").iterdir()} == {"report.html", "series.csv", "series.parquet"}
+
+
+def test_report_as_json(store: Path, empty_store: Path, run: Run) -> None:
+    ended = run("report", store, "--out", "out", "--json")
+    summary = json.loads(ended.stdout)
+    assert ended.returncode == 3
+    assert (summary["verdict"], summary["scans"], summary["alarms"]) == ("red", 5, {"crack opening": "alarm"})
+    assert summary["last"] == "2026-05-05T12:00:00Z"
+
+    ended = run("report", empty_store, "--out", "out", "--json")
+    summary = json.loads(ended.stdout)
+    assert ended.returncode == 0, ended.stderr
+    assert (summary["verdict"], summary["scans"], summary["last"]) == ("no data", 0, None)
+
+
+@pytest.mark.parametrize("command", ["review", "report"])
+def test_help_shows_an_example(command: str, run: Run) -> None:
+    ended = run(command, "--help")
+    assert ended.returncode == 0
+    assert f"microrelief {command} demo/demo.icechunk" in " ".join(ended.stdout.split())
