@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import socket
 import subprocess
 import sys
 import urllib.request
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import psutil
 import pytest
 
+from monitor.cli import main
 from tests.dashboards.drying import DryingStore, drying_store
 from tests.dashboards.filled_store import fill_store
-
-Run = Callable[..., subprocess.CompletedProcess[str]]
 
 
 @pytest.fixture(scope="module")
@@ -32,21 +31,37 @@ def empty_store(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return fill_store(DryingStore(full.about), tmp_path_factory.mktemp("campaign") / "empty.icechunk")
 
 
-@pytest.fixture
-def run(tmp_path: Path) -> Run:
-    """Call the command line in its own process, in an empty folder and without a screen."""
-    environment = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY")}
+@dataclass
+class Ended:
+    """How a call of the command line ended."""
 
-    def call(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, "-m", "monitor.cli", *map(str, arguments)]
-        return subprocess.run(
-            command, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=100, check=False
-        )
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+Run = Callable[..., Ended]
+
+
+@pytest.fixture
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+    """Call the command line in an empty folder and without a screen."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+
+    def call(*arguments: str | Path) -> Ended:
+        monkeypatch.setattr(sys, "argv", ["microrelief", *map(str, arguments)])
+        with pytest.raises(SystemExit) as left:
+            main()
+        shown = capsys.readouterr()
+        assert isinstance(left.value.code, int)
+        return Ended(left.value.code, shown.out, shown.err)
 
     return call
 
 
-def one_line(ended: subprocess.CompletedProcess[str]) -> str:
+def one_line(ended: Ended) -> str:
     """The only line of stderr."""
     (line,) = ended.stderr.strip().splitlines()
     return line
