@@ -10,13 +10,13 @@ from pipelines import Tick
 
 from .layout import FOLD
 from .packing import fill_of, pack_bins
-from .records import put
+from .rows import Rows, row
 
-__all__ = ["history_of", "write_bins"]
+__all__ = ["history_of", "rows_of_bins"]
 
 
-def write_bins(group: Any, number: int, tick: Tick) -> None:
-    """Write the means of one scan into the tail; fold the tail where it is full.
+def rows_of_bins(group: Any, number: int, tick: Tick) -> list[Rows]:
+    """Give the rows of one scan's means: into the tail, or with the tail into the long chunks where it is full.
 
     A chunk of `FOLD` scans written anew at each of them would cost `FOLD` / 2 times its bytes; so each scan is
     written twice: once alone, once folded.
@@ -24,18 +24,17 @@ def write_bins(group: Any, number: int, tick: Tick) -> None:
     assert tick.scan is not None
     slot = number % FOLD
     change = tick.change
+    rows = [row("binned/time", number, tick.scan.time.astype(np.int64))]
     for name, values in (("height", tick.scan.height), ("dz", None if change is None else change.dz)):
         tail = group[f"{name}_tail"]
         kind = str(tail.dtype)
         fresh = np.full(tail.shape[1:], fill_of(kind), kind) if values is None else pack_bins(values, kind, name)
         if slot < FOLD - 1:
-            tail[slot] = fresh
-            continue
-        folded = group[name]
-        start = number + 1 - FOLD
-        folded.resize((number + 1, *folded.shape[1:]))
-        folded[start:] = np.concatenate([tail[: FOLD - 1], fresh[np.newaxis]])
-    put(group["time"], number, tick.scan.time.astype(np.int64))
+            rows.append(row(f"binned/{name}_tail", slot, fresh))
+        else:
+            folded = np.concatenate([tail[: FOLD - 1], fresh[np.newaxis]])
+            rows.append(Rows(f"binned/{name}", number + 1 - FOLD, FOLD, folded))
+    return rows
 
 
 def history_of(group: Any, name: str, row: int, column: int) -> Any:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +16,7 @@ import numpy as np
 from configs import StoreError
 from pipelines import Calibration, Event, Grid, Instant, Scan, Tick, format_instant
 
-from .binned import write_bins
+from .binned import rows_of_bins
 from .layout import (
     CELLS_OF_CHANGE,
     CELLS_OF_SCAN,
@@ -28,8 +30,18 @@ from .layout import (
 from .lock import WriterLock
 from .order import Place, Tail, place
 from .packing import HeightType
-from .records import put, read_change, read_events, read_scan, write_change, write_events, write_frames, write_scan
+from .records import (
+    read_change,
+    read_events,
+    read_scan,
+    rows_of_change,
+    rows_of_events,
+    rows_of_frames,
+    rows_of_metrics,
+    rows_of_scan,
+)
 from .repository import create_repository, newest_whole, open_repository, publish, root_of
+from .rows import row, write_rows
 from .series import frame_of
 from .store import About, Stored
 
@@ -52,8 +64,9 @@ class IcechunkStore:
         self._folder = folder
         self._lock = lock
         self._repository = open_repository(folder)
-        self._snapshot, lost = newest_whole(self._repository, folder, self._probe)
-        self._load()
+        snapshot, lost = newest_whole(self._repository, folder, self._probe)
+        self._attach(snapshot)
+        self._about, self._height_type, self._tail = self._load()
         self._lost: tuple[Event, ...] = ()
         if lost:
             when = self._tail.time if self._tail.time is not None else np.datetime64(0, "ns")
@@ -138,6 +151,7 @@ class IcechunkStore:
             message = f"scan {where.number} of {format_instant(tick.planned)}"
             metadata["scan"] = str(where.number)
         self._commit(lambda root: self._write(root, tick, where), message, metadata)
+        self._tail = where.tail
         return where.number
 
     def __len__(self) -> int:
@@ -180,7 +194,7 @@ class IcechunkStore:
     @property
     def about(self) -> About:
         """What this store is and what made it."""
-        return self._about
+        return replace(self._about, snapshot=self._snapshot)
 
     @property
     def events(self) -> tuple[Event, ...]:
@@ -219,44 +233,31 @@ class IcechunkStore:
         session = self._repository.writable_session("main")
         try:
             write(root_of(session, "r+"))
-            publish(self._repository, self._folder, session, message, metadata)
+            snapshot = publish(self._repository, self._folder, session, message, metadata)
         except (icechunk.IcechunkError, OSError) as error:
             if isinstance(error, StoreError):
                 raise
-            self._snapshot = self._repository.lookup_branch("main")
-            self._load()
             reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error).splitlines()[0]
-            if "os error 28" in str(error) or getattr(error, "errno", None) == 28:
+            if f"os error {errno.ENOSPC}" in str(error) or getattr(error, "errno", None) == errno.ENOSPC:
                 reason = "the disk is full: free some space"
             raise StoreError(f"{self._folder}: {message} was not stored: {reason.strip()}") from error
-        self._snapshot = self._repository.lookup_branch("main")
-        self._load()
+        self._attach(snapshot)
 
     def _write(self, root: Any, tick: Tick, where: Place) -> None:
-        if where.number is not None and tick.scan is not None:
-            write_scan(root["scans"], where, tick)
-            write_change(root["change"], where.number, tick)
-            self._write_metrics(root["metrics"], where.number, tick)
-            write_bins(root["binned"], where.number, tick)
-        write_events(root["events"], where.events)
+        rows = rows_of_events(root["events/time"].shape[0], where.events)
+        if where.number is not None:
+            rows += rows_of_scan(where, tick, self._height_type)
+            rows += rows_of_change(where.number, tick, self._height_type)
+            rows += rows_of_metrics(where.number, tick, self._about.metrics)
+            rows += rows_of_bins(root["binned"], where.number, tick)
         if tick.calibration is not None:
-            self._keep(root["calibrations"], tick.calibration)
+            ids = [str(name) for name in root["calibrations/id"][:]]
+            if tick.calibration.id not in ids:
+                rows.append(row("calibrations/id", len(ids), tick.calibration.id))
+                rows.append(row("calibrations/json", len(ids), tick.calibration.to_json()))
         if tick.frames is not None:
-            write_frames(root, where.number, tick.frames)
-
-    def _write_metrics(self, table: Any, number: int, tick: Tick) -> None:
-        assert tick.scan is not None
-        put(table["time"], number, tick.scan.time.astype(np.int64))
-        for name in self._about.metrics:
-            measured = tick.metrics.get(name)
-            put(table[name], number, np.nan if measured is None else measured.value)
-            put(table[f"{name}_sigma"], number, np.nan if measured is None else measured.sigma)
-
-    def _keep(self, group: Any, calibration: Calibration) -> None:
-        ids = [str(name) for name in group["id"][:]]
-        if calibration.id not in ids:
-            put(group["id"], len(ids), calibration.id)
-            put(group["json"], len(ids), calibration.to_json())
+            rows += rows_of_frames(root, where.number, tick.frames)
+        write_rows(root.store, rows)
 
     def _add_metrics(self, new: dict[str, str]) -> None:
         def write(root: Any) -> None:
@@ -264,12 +265,18 @@ class IcechunkStore:
                 add_metric(root["metrics"], name, unit)
 
         self._commit(write, f"metrics added: {', '.join(new)}", {})
+        self._about, self._height_type, self._tail = self._load()
 
     def _go_back(self) -> None:
         """Make the newest whole snapshot the newest one, and keep the event that says so."""
         self._repository.reset_branch("main", self._snapshot)
         events, self._lost = self._lost, ()
-        self._commit(lambda root: write_events(root["events"], events), "went back to the newest whole snapshot", {})
+        note = Tick(events[0].time, events=events)
+        self._commit(
+            lambda root: self._write(root, note, Place(self._tail, None, events)),
+            "went back to the newest whole snapshot",
+            {},
+        )
 
     def _probe(self, session: Any) -> None:
         """Read what a whole snapshot must hold: all groups, every table and the newest scan."""
@@ -286,12 +293,22 @@ class IcechunkStore:
             read_scan(root["scans"], count - 1, grid_of(root.attrs))
             read_change(root["change"], count - 1, grid_of(root.attrs))
 
-    def _load(self) -> None:
-        """Read the snapshot's groups, facts and tail."""
-        self._session = self._repository.readonly_session(snapshot_id=self._snapshot)
-        self._root = root_of(self._session)
+    def _attach(self, snapshot: str) -> None:
+        """Read from another snapshot from now on; its groups are opened when they are asked for."""
+        self._snapshot = snapshot
+        self._session = self._repository.readonly_session(snapshot_id=snapshot)
+        self._opened: Any = None
+
+    @property
+    def _root(self) -> Any:
+        if self._opened is None:
+            self._opened = root_of(self._session)
+        return self._opened
+
+    def _load(self) -> tuple[About, str, Tail]:
+        """Read the store's facts, how it packs heights, and its tail."""
         attributes = dict(self._root.attrs)
-        self._about = About(
+        about = About(
             location=str(self._folder),
             site=attributes["site"],
             grid=grid_of(attributes),
@@ -299,16 +316,16 @@ class IcechunkStore:
             campaign_hash=attributes["campaign_hash"],
             software=attributes["software"],
             schema=attributes["microrelief_schema"],
-            snapshot=self._snapshot,
+            snapshot="",
             metrics=dict(self._root["metrics"].attrs["metrics"]),
         )
         scans = self._root["scans"]
+        height_type = str(scans["height"].dtype)
         count = scans["time"].shape[0]
         if not count:
-            self._tail = Tail()
-            return
+            return about, height_type, Tail()
         baseline = int(scans["baseline"][count - 1])
-        self._tail = Tail(
+        tail = Tail(
             count=count,
             time=np.datetime64(int(scans["time"][count - 1]), "ns"),
             epoch=int(scans["epoch"][count - 1]),
@@ -316,3 +333,4 @@ class IcechunkStore:
             baseline_time=np.datetime64(int(scans["time"][baseline]), "ns"),
             calibration_id=str(scans["calibration"][count - 1]),
         )
+        return about, height_type, tail

@@ -4,55 +4,51 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from typing import Any, cast
 
 import numpy as np
 
-from pipelines import Change, Event, Frames, Grid, Motion, Scan, Tick
+from pipelines import Change, Event, Frames, Grid, Measurement, Motion, Scan, Tick
 from pipelines.change import Verdict
 
-from .layout import NO_TIME, TABLE_CHUNK
+from .layout import NO_TIME, lay_out_raw
 from .order import Place
 from .packing import STEP_MM, pack_heights, pack_sigmas, unpack_heights
+from .rows import Rows, row, texts
 
 __all__ = [
-    "put",
     "read_change",
     "read_events",
     "read_scan",
-    "write_change",
-    "write_events",
-    "write_frames",
-    "write_scan",
+    "rows_of_change",
+    "rows_of_events",
+    "rows_of_frames",
+    "rows_of_metrics",
+    "rows_of_scan",
 ]
 
 
-def put(array: Any, number: int, value: Any) -> None:
-    """Write one scan's value, which may be the next one."""
-    if array.shape[0] <= number:
-        array.resize((number + 1, *array.shape[1:]))
-    if value is not None:
-        array[number] = value
-
-
-def write_scan(group: Any, where: Place, tick: Tick) -> None:
-    """Write a scan at its place."""
+def rows_of_scan(where: Place, tick: Tick, height_type: str) -> list[Rows]:
+    """Give a scan's rows at its place."""
     scan, number = tick.scan, where.number
     assert scan is not None
     assert number is not None
-    put(group["height"], number, pack_heights(scan.height, str(group["height"].dtype), "height"))
-    put(group["sigma"], number, pack_sigmas(scan.sigma, STEP_MM))
-    put(group["texture"], number, scan.texture)
-    put(group["level"], number, scan.level)
-    put(group["time"], number, scan.time.astype(np.int64))
-    put(group["scan"], number, number)
-    put(group["epoch"], number, where.tail.epoch)
-    put(group["baseline"], number, where.tail.baseline)
-    put(group["planned"], number, tick.planned.astype(np.int64))
-    put(group["calibration"], number, scan.calibration_id)
-    put(group["alarms"], number, json.dumps(dict(tick.alarms), sort_keys=True))
+    values = {
+        "height": pack_heights(scan.height, height_type, "height"),
+        "sigma": pack_sigmas(scan.sigma, STEP_MM),
+        "texture": scan.texture,
+        "level": scan.level,
+        "time": scan.time.astype(np.int64),
+        "scan": np.int64(number),
+        "epoch": np.int32(where.tail.epoch),
+        "baseline": np.int64(where.tail.baseline),
+        "planned": tick.planned.astype(np.int64),
+        "calibration": scan.calibration_id,
+        "alarms": json.dumps(dict(tick.alarms), sort_keys=True),
+    }
+    return [row(f"scans/{name}", number, value) for name, value in values.items()]
 
 
 def read_scan(group: Any, number: int, grid: Grid) -> Scan:
@@ -68,23 +64,24 @@ def read_scan(group: Any, number: int, grid: Grid) -> Scan:
     )
 
 
-def write_change(group: Any, number: int, tick: Tick) -> None:
-    """Write a change; without one, only lengthen the arrays: cells that hold nothing cost nothing."""
+def rows_of_change(number: int, tick: Tick, height_type: str) -> list[Rows]:
+    """Give a change's rows; without a change, only its time."""
     assert tick.scan is not None
-    put(group["time"], number, tick.scan.time.astype(np.int64))
     change = tick.change
-    if change is None:
-        for name in ("dz", "lod", "baseline_time", "motion", "verdict", "reason"):
-            put(group[name], number, None)
-        return
-    motion = change.motion
-    terms = (motion.residual_mm, motion.overlap, motion.conditioning, motion.sigma_z_mm, motion.sigma_xy_mm)
-    put(group["dz"], number, pack_heights(change.dz, str(group["dz"].dtype), "change"))
-    put(group["lod"], number, pack_sigmas(change.lod))
-    put(group["baseline_time"], number, change.baseline_time.astype(np.int64))
-    put(group["motion"], number, np.concatenate([motion.matrix.ravel(), terms]))
-    put(group["verdict"], number, motion.verdict)
-    put(group["reason"], number, motion.reason)
+    values: dict[str, Any] = dict.fromkeys(("dz", "lod", "baseline_time", "motion", "verdict", "reason"))
+    values["time"] = tick.scan.time.astype(np.int64)
+    if change is not None:
+        motion = change.motion
+        terms = (motion.residual_mm, motion.overlap, motion.conditioning, motion.sigma_z_mm, motion.sigma_xy_mm)
+        values |= {
+            "dz": pack_heights(change.dz, height_type, "change"),
+            "lod": pack_sigmas(change.lod),
+            "baseline_time": change.baseline_time.astype(np.int64),
+            "motion": np.concatenate([motion.matrix.ravel(), terms]),
+            "verdict": motion.verdict,
+            "reason": motion.reason,
+        }
+    return [row(f"change/{name}", number, value) for name, value in values.items()]
 
 
 def read_change(group: Any, number: int, grid: Grid) -> Change | None:
@@ -107,19 +104,27 @@ def read_change(group: Any, number: int, grid: Grid) -> Change | None:
     )
 
 
-def write_events(group: Any, events: Sequence[Event]) -> None:
-    """Add events after those that are there."""
+def rows_of_metrics(number: int, tick: Tick, names: Iterable[str]) -> list[Rows]:
+    """Give the rows of all of a store's metrics; NaN for one that was not measured."""
+    assert tick.scan is not None
+    rows = [row("metrics/time", number, tick.scan.time.astype(np.int64))]
+    nothing = Measurement(np.nan, np.nan)
+    for name in names:
+        measured = tick.metrics.get(name, nothing)
+        rows += [row(f"metrics/{name}", number, measured.value), row(f"metrics/{name}_sigma", number, measured.sigma)]
+    return rows
+
+
+def rows_of_events(count: int, events: Sequence[Event]) -> list[Rows]:
+    """Give the rows of events that follow `count` others."""
     if not events:
-        return
-    count = group["time"].shape[0]
+        return []
     columns = {
         "time": np.array([event.time for event in events], dtype="datetime64[ns]").astype(np.int64),
-        "kind": np.array([event.kind for event in events], dtype=np.dtypes.StringDType()),
-        "text": np.array([event.text for event in events], dtype=np.dtypes.StringDType()),
+        "kind": texts([event.kind for event in events]),
+        "text": texts([event.text for event in events]),
     }
-    for name, values in columns.items():
-        group[name].resize((count + len(events),))
-        group[name][count:] = values
+    return [Rows(f"events/{name}", count, len(events), values) for name, values in columns.items()]
 
 
 def read_events(group: Any) -> tuple[Event, ...]:
@@ -132,45 +137,22 @@ def read_events(group: Any) -> tuple[Event, ...]:
     return tuple(sorted(events, key=lambda event: event.time))
 
 
-def write_frames(root: Any, number: int | None, frames: Frames) -> None:
-    """Keep raw frames in ``/raw/KIND``: one group for each shape, depth and pattern set; scan -1 where none came of it.
+def rows_of_frames(root: Any, number: int | None, frames: Frames) -> list[Rows]:
+    """Give the rows of raw frames in ``/raw/KIND``: a group for each shape, depth and pattern set, made if new.
 
-    A group per capture would make every commit list them all.
+    A group per capture would make every commit list them all. Scan -1 where no scan came of the frames.
     """
     patterns = json.dumps(asdict(frames.patterns), sort_keys=True)
     shape, dtype = frames.stack.shape, frames.stack.dtype
     kind = hashlib.sha256(f"{shape}{dtype}{patterns}".encode()).hexdigest()[:12]
     raw = root.require_group("raw")
     if kind not in raw:
-        from zarr.codecs import BloscCodec
-
-        compressor = BloscCodec(cname="zstd", clevel=1, shuffle="bitshuffle")
-        group = raw.create_group(kind, attributes={"patterns": json.loads(patterns)})
-        group.create_array(
-            "frames",
-            shape=(0, *shape),
-            chunks=(1, 1, *shape[1:]),
-            dtype=dtype,
-            compressors=compressor,
-            dimension_names=("time", "frame", "row", "column"),
-        )
-        tables = {
-            "time": ("int64", "nanoseconds since 1970-01-01"),
-            "scan": ("int64", "1"),
-            "exposure_ms": ("float64", "ms"),
-        }
-        for name, (table_type, unit) in tables.items():
-            group.create_array(
-                name,
-                shape=(0,),
-                chunks=(TABLE_CHUNK,),
-                dtype=table_type,
-                dimension_names=("time",),
-                attributes={"units": unit},
-            )
-    group = raw[kind]
-    at = group["time"].shape[0]
-    put(group["frames"], at, frames.stack)
-    put(group["time"], at, frames.time.astype(np.int64))
-    put(group["scan"], at, -1 if number is None else number)
-    put(group["exposure_ms"], at, frames.exposure_ms)
+        lay_out_raw(raw, kind, shape, dtype, json.loads(patterns))
+    at = raw[kind]["time"].shape[0]
+    values = {
+        "frames": frames.stack,
+        "time": frames.time.astype(np.int64),
+        "scan": np.int64(-1 if number is None else number),
+        "exposure_ms": frames.exposure_ms,
+    }
+    return [row(f"raw/{kind}/{name}", at, value) for name, value in values.items()]

@@ -121,7 +121,11 @@ def publish(repository: Any, folder: Path, session: Any, message: str, metadata:
     snapshot: str = session.flush(message, metadata=metadata)
     sync_file_system(folder)
     repository.reset_branch(BRANCH, snapshot, from_snapshot_id=before)
-    sync_file(folder / "refs" / f"branch.{BRANCH}" / "ref.json")
+    try:
+        sync_file(folder / "refs" / f"branch.{BRANCH}" / "ref.json")
+    except OSError:
+        repository.reset_branch(BRANCH, before)  # what is not acknowledged is not there
+        raise
     return snapshot
 
 
