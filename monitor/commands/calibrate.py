@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 from configs import InputError
 from pipelines import Calibration
-from pipelines.reconstruction import Board, Decoded, calibrate_decoded, decode
+from pipelines.reconstruction import Board, Decoded, calibrate_decoded, locate
 from storage import read_capture, read_patterns
 
 from .. import __version__
@@ -137,7 +137,7 @@ def _decode(folders: list[Path], patterns: Path | None) -> tuple[list[Decoded], 
             if size is not None and frames.patterns.size != size:
                 raise InputError(f"{folder}: its patterns are for another projector than those of {folders[0]}")
             size = frames.patterns.size
-            decoded.append(decode(frames))
+            decoded.append(locate(frames))
             step(number, len(folders))
     assert size is not None
     return decoded, size

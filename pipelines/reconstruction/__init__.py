@@ -10,6 +10,7 @@ from .patterns import PAPER_STRIPES, FrameRole, PatternSet
 from .pixel_maps import Decoded, PointMap
 from .reconstruct import reconstruct
 from .rig_model import Calibration, Lens, PoseResidual
+from .subpixel import locate, refine
 from .triangulate import triangulate
 
 __all__ = [
@@ -27,7 +28,9 @@ __all__ = [
     "calibrate_decoded",
     "decode",
     "footprint_grid",
+    "locate",
     "reconstruct",
+    "refine",
     "suggest_order",
     "to_scan",
     "triangulate",

@@ -16,6 +16,7 @@ from .pixel_maps import Decoded
 from .projector_corners import CornerMethod, corner_spacing_px, projector_corners
 from .rig_model import Calibration
 from .stereo_start import PoseCorners, solve
+from .subpixel import locate
 
 __all__ = ["MIN_POSES", "calibrate", "calibrate_decoded", "find_corners"]
 
@@ -36,10 +37,8 @@ def calibrate(
 
     See `calibrate_decoded`; this decodes the frames first.
     """
-    from .decode import decode
-
     return calibrate_decoded(
-        [decode(frames) for frames in poses],
+        [locate(frames) for frames in poses],
         poses[0].patterns.size if poses else (0, 0),
         board,
         names=names,

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from .decode import decode
 from .frames import Frames
 from .pixel_maps import PointMap
 from .rig_model import Calibration
+from .subpixel import locate
 from .triangulate import triangulate
 
 __all__ = ["reconstruct"]
 
 
 def reconstruct(frames: Frames, calibration: Calibration) -> PointMap:
-    """Decode a capture and give each pixel its point in the camera frame, before any clean-up.
+    """Decode a capture to sub-pixel and give each pixel its point in the camera frame, before any clean-up.
 
     Raises
     ------
@@ -26,4 +26,4 @@ def reconstruct(frames: Frames, calibration: Calibration) -> PointMap:
             f"patterns for a projector of {columns}x{rows}, but the calibration is for {wide}x{high}: "
             "use the pattern file of the calibration"
         )
-    return triangulate(decode(frames), calibration)
+    return triangulate(locate(frames), calibration)
