@@ -81,7 +81,8 @@ def _campaign(document: Document, folder: Path) -> Campaign:
     except ValidationError as error:
         details = error.errors()
         meant = {_meant(detail) for detail in details}
-        lines = sorted({_line(document, detail) for detail in details if detail["loc"] not in meant}, key=_position)
+        kept = [detail for detail in details if detail["loc"] not in meant and not _follows(detail, details)]
+        lines = sorted({_line(document, detail) for detail in kept}, key=_position)
         raise ConfigError("\n".join(lines)) from None
 
 
@@ -93,6 +94,14 @@ def _meant(detail: ErrorDetails) -> Route | None:
     return (*detail["loc"][:-1], near[0]) if near else None
 
 
+def _follows(detail: ErrorDetails, details: list[ErrorDetails]) -> bool:
+    """Whether a list is only too short because of what is wrong in it."""
+    place = detail["loc"]
+    return detail["type"] == "too_short" and any(
+        len(other["loc"]) > len(place) and other["loc"][: len(place)] == place for other in details
+    )
+
+
 def _position(line: str) -> tuple[int, int, str]:
     """Sort key of a message: its line, its column."""
     numbers = [part for part in line.split(":") if part.isdigit()]
@@ -101,7 +110,7 @@ def _position(line: str) -> tuple[int, int, str]:
 
 def _line(document: Document, detail: ErrorDetails) -> str:
     """One pydantic error as one line for people."""
-    route = tuple(step for step in detail["loc"] if not _is_branch(step, document, detail["loc"]))
+    route = detail["loc"][:1] if detail["loc"][:1] == ("patterns",) else detail["loc"]  # below are branches of a union
     given = detail["input"]
     context = detail.get("ctx", {})
     kind = detail["type"]
@@ -158,11 +167,6 @@ def _kind(given: Any) -> str:
     if given is None:
         return "nothing"
     return "keys" if isinstance(given, dict) else "a list" if isinstance(given, list) else "plain text"
-
-
-def _is_branch(step: str | int, document: Document, location: tuple[str | int, ...]) -> bool:
-    """Whether a step of pydantic's location names a branch of a union and no key of the file."""
-    return isinstance(step, str) and ("[" in step or step in ("function-after", "path")) and step != location[0]
 
 
 def _keys_at(route: Route) -> list[str]:

@@ -42,12 +42,16 @@ class Document:
     values: Mapping[Route, Place] = field(default_factory=dict)
 
     def line(self, route: Route, text: str, *, at_key: bool = False) -> str:
-        """Write ``FILE:LINE:COLUMN: KEY: text`` for a value, or for the nearest thing above it that the file has."""
+        """Write ``FILE:LINE:COLUMN: KEY: text`` for a value, or for the nearest thing above it that the file has.
+
+        What begins on a line below its key is placed at the key.
+        """
         found = route
         while found and found not in self.values:
             found = found[:-1]
-        place = self.keys.get(found) if at_key or found != route else None
-        place = place or self.values.get(found) or Place(1, 1)
+        place, key = self.values.get(found, Place(1, 1)), self.keys.get(found)
+        if key is not None and (at_key or place.line > key.line):
+            place = key
         where = f"{route_text(route)}: " if route else ""
         return f"{self.file}:{place.line}:{place.column}: {where}{text}"
 

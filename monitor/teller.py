@@ -28,6 +28,7 @@ class Teller:
     def __init__(self, *, with_lag: bool = False) -> None:
         self._with_lag = with_lag
         self._console = Console(highlight=False, soft_wrap=True)
+        self._waited = False
         self._status: Status | None = None
 
     def __enter__(self) -> Self:
@@ -55,9 +56,13 @@ class Teller:
             self.say(what)
 
     def wait(self, slot: Instant) -> None:
-        """Say what is being waited for, on a terminal only."""
+        """Say what is being waited for: always on a terminal, elsewhere the first only."""
+        line = f"next scan {format_instant(slot)}"
         if self._status is not None:
-            self._status.update(f"next scan {format_instant(slot)}")
+            self._status.update(line)
+        elif not self._waited:
+            self.say(line)
+        self._waited = True
 
     def settled(self, settled: Settled) -> None:
         """Say how a slot ended."""

@@ -1,0 +1,157 @@
+"""Checks of the machine and of a campaign: what is wrong, and how to mend it."""
+
+from __future__ import annotations
+
+import platform
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from importlib import import_module, metadata
+from pathlib import Path
+from typing import Literal
+
+from configs import Campaign, MicroreliefError
+from storage import open_store
+
+from . import __version__
+from .campaign import read_pattern_set, simulated_calibration_file
+from .forecast import bytes_per_scan, format_bytes
+from .rigs import make_rig
+from .system_libraries import missing_library
+
+__all__ = ["Finding", "check_campaign", "check_machine"]
+
+LIBRARIES = {
+    "numpy": "numpy",
+    "numba": "numba",
+    "cv2": "opencv-python-headless",
+    "sklearn": "scikit-learn",
+    "open3d": "open3d",
+    "icechunk": "icechunk",
+    "zarr": "zarr",
+    "rerun": "rerun-sdk",
+    "apscheduler": "apscheduler",
+    "pydantic": "pydantic",
+}
+"""Import name and package of what is heavy, compiled, or pinned."""
+
+OURS = ("configs", "pipelines", "storage", "dashboards", "monitor")
+LOW_DISK = 2e9
+EPOCH_OF_REASON = 1_750_000_000  # June 2025: a clock before this was never set
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that was looked at.
+
+    `level` is ``ok``, ``warning`` or ``wrong``; `mend` says what to do where it is not ok.
+    """
+
+    level: Literal["ok", "warning", "wrong"]
+    what: str
+    told: str
+    mend: str = ""
+
+
+def check_machine() -> Iterator[Finding]:
+    """Look at Python, our packages, the libraries, the disk and the clock."""
+    yield Finding("ok", "microrelief", f"{__version__} on Python {platform.python_version()}, {platform.system()}")
+    yield from _our_names()
+    yield from map(_library, LIBRARIES)
+    yield _disk(Path.cwd(), "disk here")
+    yield _clock()
+
+
+def check_campaign(campaign: Campaign) -> Iterator[Finding]:
+    """Look whether a campaign's rig opens, its calibration is there and its store can be opened and has room."""
+    patterns = read_pattern_set(campaign)
+    yield _try("rig", lambda: _open_rig(campaign), "see the message; `microrelief run` would wait for it with code 75")
+    file = campaign.calibration.file
+    if file is None:
+        kept = simulated_calibration_file(campaign, patterns)
+        yield Finding("ok", "calibration", f"kept in {kept}" if kept.exists() else "the first run makes it")
+    else:
+        mend = f"`microrelief calibrate POSE_DIR... --board COLUMNSxROWS --square-mm MM --out {file}`"
+        yield _try("calibration", lambda: _read_calibration(file), mend)
+    store = campaign.store.path
+    if store.exists():
+        yield _try("store", lambda: f"{store}: {len(open_store(store))} scans", "`microrelief status` and a backup")
+    else:
+        yield Finding("ok", "store", f"{store}: the first run makes it")
+    size, measured = bytes_per_scan(campaign, patterns)
+    yield Finding("ok", "a scan takes", format_bytes(size) + ("" if measured else ", estimated"))
+    folder = store.parent
+    while not folder.exists():
+        folder = folder.parent
+    yield _disk(folder, "disk of the store")
+
+
+def _our_names() -> Iterator[Finding]:
+    """Our top-level names are generic: another package, or a folder one happens to stand in, may hide them."""
+    home = Path(__file__).resolve().parents[1]
+    strange = []
+    for name in OURS:
+        found = getattr(import_module(name), "__file__", None)
+        if found is None or Path(found).resolve().parents[1] != home:
+            strange.append(f"{name} is {found}")
+    if strange:
+        mend = "remove or rename that package or folder, or run microrelief from another folder"
+        yield Finding("wrong", "packages", "; ".join(strange), mend)
+    else:
+        yield Finding("ok", "packages", f"{', '.join(OURS)} are ours, in {home}")
+
+
+def _library(name: str) -> Finding:
+    package = LIBRARIES[name]
+    try:
+        import_module(name)
+        return Finding("ok", package, metadata.version(package))
+    except ImportError as error:
+        told = missing_library(error)
+        mend = told[told.find("`") :] if "`" in told else "`pip install --force-reinstall microrelief`"
+        return Finding("wrong", package, told.partition(":")[0], mend)
+    except OSError as error:  # a shared library that is there and broken
+        return Finding("wrong", package, str(error), f"`pip install --force-reinstall {package}`")
+    except metadata.PackageNotFoundError:
+        return Finding("ok", package, "installed without its metadata")
+
+
+def _disk(folder: Path, what: str) -> Finding:
+    usage = shutil.disk_usage(folder)
+    told = f"{format_bytes(usage.free)} free of {format_bytes(usage.total)}"
+    if usage.free < LOW_DISK:
+        return Finding("warning", what, told, f"free some space below {folder}, or choose another store.path")
+    return Finding("ok", what, told)
+
+
+def _clock() -> Finding:
+    now = time.time()
+    told = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(now))
+    if now < EPOCH_OF_REASON:
+        return Finding("wrong", "clock", told, "set the clock: `timedatectl set-ntp true`")
+    return Finding("ok", "clock", told)
+
+
+def _try(what: str, look: Callable[[], str], mend: str) -> Finding:
+    try:
+        return Finding("ok", what, look())
+    except (MicroreliefError, OSError, ValueError) as error:
+        return Finding("wrong", what, str(error), mend)
+    except ImportError as error:
+        return Finding("wrong", what, missing_library(error), mend)
+
+
+def _open_rig(campaign: Campaign) -> str:
+    rig = make_rig(campaign.rig.name, campaign.rig.options)
+    began = time.perf_counter()
+    rig.open()
+    rig.close()
+    return f"{campaign.rig.name} opens in {time.perf_counter() - began:.1f} s"
+
+
+def _read_calibration(file: Path) -> str:
+    from pipelines import Calibration
+
+    calibration = Calibration.from_json(file.read_text(encoding="utf-8"))
+    return f"{calibration.id}, stereo rms {calibration.rms_px.get('stereo', float('nan')):.3f} px"
