@@ -164,7 +164,7 @@ def noise_counts(frames: Frames) -> float:
     """Standard deviation of a pixel's value, counts, from the frames themselves.
 
     With inverses it is the scatter of pattern + inverse - white - black, which is 0 up to the flicker of the light
-    (a share of white minus black, regressed out); without, that of the black frame's second differences along rows.
+    (regressed out); without, that of the black frame's second differences along rows.
 
     Parameters
     ----------
@@ -178,7 +178,10 @@ def noise_counts(frames: Frames) -> float:
     if not frames.patterns.complementary:
         dark = frames.stack[black, :: max(1, frames.stack.shape[1] // 64)].astype(np.float32)
         second = dark[:, 2:] - 2 * dark[:, 1:-1] + dark[:, :-2]
-        return float(1.4826 * np.median(np.abs(second)) / sqrt(6)) if second.size else 0.0
+        if not second.size:
+            return 0.0
+        far = 4 * max(1.4826 * float(np.median(np.abs(second))), 1.0)
+        return float(np.sqrt(np.mean(np.square(second[np.abs(second) <= far])) / 6))
     flat = frames.stack.reshape(len(frames.stack), -1)
     starts = np.linspace(0, max(0, flat.shape[1] - RUN), RUNS).astype(np.int64)
     sample = np.concatenate([flat[:, start : start + RUN] for start in starts], axis=1).astype(np.float32)
@@ -188,8 +191,14 @@ def noise_counts(frames: Frames) -> float:
     bits, plus, minus = frame_indices(frames.patterns)
     pairs = [(plus[axis, bit], minus[axis, bit]) for axis in range(2) for bit in range(bits[axis])]
     swing = sample[white] - sample[black]
-    rest = np.stack([sample[p] + sample[n] for p, n in pairs]) - sample[white] - sample[black]
     swing -= swing.mean()
-    rest -= np.outer(rest @ swing / max(float(swing @ swing), 1.0), swing)
-    rest -= rest.mean(axis=1, keepdims=True)
-    return float(1.4826 * np.median(np.abs(rest)) / 2)
+    rest = np.stack([sample[p] + sample[n] for p, n in pairs]) - sample[white] - sample[black]
+    sign = np.stack([sample[p] - sample[n] for p, n in pairs])
+    # flicker of the light adds shares of white minus black and of pattern minus inverse
+    for part in (rest, sign):
+        part -= part.mean(axis=1, keepdims=True)
+        part -= np.outer(part @ swing / max(float(swing @ swing), 1.0), swing)
+    rest -= ((rest * sign).sum(axis=1) / np.maximum((sign * sign).sum(axis=1), 1.0))[:, np.newaxis] * sign
+    # whole counts make a median coarse: it only says what is an outlier
+    far = 4 * max(1.4826 * float(np.median(np.abs(rest))), 1.0)
+    return float(np.sqrt(np.mean(np.square(rest[np.abs(rest) <= far]))) / 2)

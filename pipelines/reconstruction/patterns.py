@@ -108,6 +108,9 @@ class PatternSet:
             if not all(_is_int(count) and count >= 2 for count in self.counts) or len(self.counts) > MAX_BITS:
                 raise ValueError(f"counts must be 1 to {MAX_BITS} numbers of at least 2 stripes, not {self.counts}")
             object.__setattr__(self, "bits", tuple(len(self.counts) if bits else 0 for bits in self.bits))
+            for length, bits, axis in zip(self.size, self.bits, AXES, strict=True):
+                if bits and max(self.counts) > length:
+                    raise ValueError(f"counts: {max(self.counts)} stripes do not fit on {length} {axis}")
         elif self.counts:
             raise ValueError(f"counts belong to kind 'stripes', not to {self.kind!r}")
         if not any(self.bits):
