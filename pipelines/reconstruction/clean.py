@@ -15,6 +15,7 @@ Mask = npt.NDArray[np.bool_]
 NEIGHBOURS = 6  # of the 24 around a pixel must lie on its surface
 SLOPE = 3.0  # neighbours on one surface differ by less than this many times their distance
 APART = 4.0  # two modes are well separated if the empty band between them is this many times their spreads
+FAR = 0.25  # of the shorter side of the field of view; the paper's rig is sharp within 0.3 of it to either side
 WIDE = 0.03  # a background is wider than this share of the image; a crack's floor is not
 SAMPLES = 20_000
 
@@ -54,9 +55,10 @@ def _density(xyz, sigma_z, keep):  # type: ignore[no-untyped-def]  # a kernel: n
 def background(points: PointMap, keep: Mask) -> Mask:
     """Find a background behind the object: K-means with two clusters of the distance, if there are two.
 
-    The farther cluster is background only if (1) the two are well separated: the band between them that holds next to
-    nothing is at least `APART` times wider than the clusters' own spreads, and (2) it is wide: opened by `WIDE` of the
-    image most of it remains. So a crack's floor, which is narrow, and a step, whose parts touch, stay.
+    The farther cluster is background only if (1) the two are well separated: the empty band between them is at least
+    `APART` times wider than the clusters' own spreads; (2) it is far: the band is wider than `FAR` of the field of
+    view, about the depth in which such a rig is sharp at all; and (3) it is wide: opened by `WIDE` of the image most of
+    it remains. So a step stays, and what an object lies on, and a crack's floor, however deep.
 
     Parameters
     ----------
@@ -74,20 +76,21 @@ def background(points: PointMap, keep: Mask) -> Mask:
     if len(depth) < 100:
         return none
     sample = np.sort(depth[:: max(1, len(depth) // SAMPLES)]).astype(np.float64)
-    border = _two_modes(sample)
+    y, x = (points.xyz[..., n][keep][:: max(1, len(depth) // SAMPLES)] for n in (1, 0))
+    field = min(float(np.ptp(np.percentile(side, [2, 98]))) for side in (x, y))
+    border = _two_modes(sample, FAR * field)
     if border is None:
         return none
     behind = keep & (points.xyz[..., 2] > border)
     return behind if _is_wide(behind) else none
 
 
-def _two_modes(depth: npt.NDArray[np.float64]) -> float | None:
+def _two_modes(depth: npt.NDArray[np.float64], least: float) -> float | None:
     """Give the depth that separates two well separated modes of sorted depths, or None where there is one."""
-    # A cheap necessary condition first: scikit-learn takes seconds to import.
     low, high = depth[int(0.02 * len(depth))], depth[int(0.98 * len(depth)) - 1]
     core = depth[(depth >= low) & (depth <= high)]
-    if len(core) < 50 or np.diff(core).max() < 0.1 * (high - low):
-        return None
+    if len(core) < 50 or np.diff(core).max() < least:
+        return None  # a cheap necessary condition first: scikit-learn takes seconds to import
     from sklearn.cluster import KMeans
 
     labels = KMeans(n_clusters=2, n_init=1, init=np.array([[low], [high]])).fit_predict(core[:, None])
@@ -95,7 +98,7 @@ def _two_modes(depth: npt.NDArray[np.float64]) -> float | None:
     if len(near) == 0 or len(far) == 0:
         return None
     gap = float(far.min() - near.max())
-    if gap < APART * max(float(near.std()), float(far.std())):
+    if gap < least or gap < APART * max(float(near.std()), float(far.std())):
         return None
     return float(near.max() + gap / 2)
 
