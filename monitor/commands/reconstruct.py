@@ -1,0 +1,124 @@
+"""``microrelief reconstruct``: one capture to a height map or a point map."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from cyclopts import Parameter
+
+from configs import CaptureError, InputError
+from pipelines import Calibration, PointMap, Scan
+from pipelines import reconstruction as rec
+from storage import read_capture, read_patterns
+
+__all__ = ["read_calibration", "reconstruct"]
+
+POINTS = (".npz",)
+HEIGHTS = (".nc", ".ply", ".tif", ".tiff")
+
+
+def reconstruct(
+    capture: Path,
+    *,
+    calibration: Path,
+    out: Annotated[Path, Parameter(name=["--out", "-o"])],
+    patterns: Path | None = None,
+    pitch_mm: float | None = None,
+    keep_background: Annotated[bool, Parameter(negative="")] = False,
+) -> None:
+    """Turn one capture into a height map.
+
+    An .npz holds what was measured per camera pixel, before any clean-up: `xyz` in mm in the camera's frame,
+    `sigma_z`, `projector`, `level`. The other formats hold the height map on a grid of the site frame, without
+    background and lone points.
+
+    Parameters
+    ----------
+    capture
+        The capture folder.
+    calibration
+        The calibration.json of the rig.
+    out
+        Where the result goes; its suffix says as what: .npz, .nc, .tif or .ply.
+    patterns
+        Pattern file, where the capture does not say what was projected.
+    pitch_mm
+        Side of a cell; by default about one camera pixel.
+    keep_background
+        Keep a background that stands well apart.
+
+    Example
+    -------
+    microrelief reconstruct captures/0001 --calibration calibration.json --out soil.nc
+    """
+    suffix = out.suffix.lower()
+    if suffix not in POINTS + HEIGHTS:
+        raise InputError(f"--out {out}: unknown suffix {suffix!r}: use .npz, .nc, .tif or .ply")
+    if not out.parent.is_dir():
+        raise InputError(f"--out {out}: there is no folder {out.parent}")
+    if pitch_mm is not None and not (np.isfinite(pitch_mm) and pitch_mm > 0):
+        raise InputError(f"--pitch-mm {pitch_mm}: must be a positive number")
+    rig = read_calibration(calibration)
+    frames = read_capture(capture, read_patterns(patterns) if patterns is not None else None)
+    try:
+        points = rec.reconstruct(frames, rig)
+    except ValueError as error:
+        raise InputError(f"{capture}: {error}") from error
+    if not points.valid.any():
+        raise CaptureError(
+            f"{capture}: not one pixel could be measured: is the exposure right, and are these the right patterns?"
+        )
+    print(_about_points(points))
+    if suffix in POINTS:
+        from storage import write_points
+
+        write_points(points, out)
+    else:
+        from storage import write_height_map
+
+        grid = rec.footprint_grid(rig, pitch_mm)
+        scan = rec.to_scan(points, rig, grid, frames.time, remove_background=not keep_background)
+        print(_about_scan(scan))
+        write_height_map(scan, out)
+    print(f"wrote {out}")
+
+
+def read_calibration(file: Path) -> Calibration:
+    """Read a calibration file.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, or it is no calibration.
+    """
+    try:
+        text = file.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        raise InputError(f"{file}: no such calibration file; `microrelief calibrate` makes one") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{file}: cannot be read as a calibration: {error}") from None
+    try:
+        return Calibration.from_json(text)
+    except ValueError as error:
+        raise InputError(f"{file}: {error}") from None
+
+
+def _about_points(points: PointMap) -> str:
+    share = 100 * float(points.valid.mean())
+    sigma = _length(float(np.nanmedian(points.sigma_z)))
+    return f"measured {share:.1f} % of the camera's pixels, sigma_z {sigma} (median)"
+
+
+def _about_scan(scan: Scan) -> str:
+    rows, columns = scan.grid.shape
+    low, high = np.nanpercentile(scan.height, [1, 99]) if np.isfinite(scan.height).any() else (np.nan, np.nan)
+    return (
+        f"height map of {columns}x{rows} cells of {_length(scan.grid.pitch_mm)}, {100 * scan.coverage:.1f} % measured, "
+        f"heights {low:.3f} to {high:.3f} mm (1 to 99 %), sigma {_length(float(np.nanmedian(scan.sigma)))} (median)"
+    )
+
+
+def _length(mm: float) -> str:
+    return f"{mm:.3g} mm" if mm >= 0.1 else f"{1000 * mm:.3g} um"
