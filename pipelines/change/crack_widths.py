@@ -63,7 +63,8 @@ def crack_openings(
 
     On a profile through each point of the centre line the surface is followed from the middle outward on both
     sides. An edge is the first place where it comes within max(5 % of the depth, 3 sigma) of that side's own rim, the
-    median height 1 to 5 cells beyond the mask; linear between samples half a cell apart. Where cells are missing
+    median height 1 to 5 cells beyond the mask; linear between samples half a cell apart, less the ramp that a cell
+    makes of a vertical wall. Where cells are missing
     right up to the rim (an unseen floor, an overhanging lip), the edge is where measurement begins. The two rims
     may stand at different heights: the opening is the horizontal gap that a viewer from above sees.
 
@@ -163,7 +164,44 @@ def _edge(
     rise = np.where(crossing, high - low, np.nan)
     share = np.where(crossing, (level - low) / rise, 0.5)
     edge = distance[before] + share * STEP
+    edge = _without_ramp(edge, z, first, level, 0.5 * (rim + np.where(np.isfinite(floor), floor, rim)), rim, distance)
     # a wall of slope m turns sigma_z into sigma_z / m; where measurement just begins, the edge is somewhere in a cell
     sigma = np.where(crossing, np.minimum(sigma_z / np.maximum(rise, 1e-9) * STEP, 1.0), 1 / np.sqrt(12))
     edge[~found] = np.nan
     return edge, np.where(found, sigma, np.nan), crossing
+
+
+def _without_ramp(
+    edge: npt.NDArray[np.float64],
+    z: npt.NDArray[np.float64],
+    first: npt.NDArray[np.intp],
+    level: npt.NDArray[np.float64],
+    middle: npt.NDArray[np.float64],
+    rim: npt.NDArray[np.float64],
+    distance: npt.NDArray[np.float64],
+) -> npt.NDArray[np.float64]:
+    """Take off what interpolation adds to a wall that is steeper than a cell can show.
+
+    Between the last low cell and the first high one a vertical wall becomes a ramp one cell long, whose middle is the
+    wall's place. The distance from the wall's half height to its rim is shortened by the ramp's, in quadrature: all
+    of it for a vertical wall, next to nothing for one several cells wide.
+    """
+    count, samples = z.shape
+    lead = np.arange(samples)
+    inner = lead < first[:, None]
+
+    def last(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.intp]:
+        found: npt.NDArray[np.intp] = np.where(mask, lead, -1).max(axis=1)
+        return found
+
+    low, gap = last(inner & (z < middle[:, None])), last(inner & ~np.isfinite(z))
+    seen = low > gap
+    take = np.arange(count)
+    at = np.clip(low, 0, samples - 2)
+    below, above = z[take, at], z[take, at + 1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        half = distance[at] + (middle - below) / (above - below) * STEP
+        ramp = np.clip((level - middle) / (2 * (rim - middle)), 0, 0.5)
+    wall = edge - half
+    shorter = half + np.sqrt(np.maximum(0.0, wall**2 - ramp**2))
+    return np.where(seen & np.isfinite(shorter) & (wall > 0), shorter, edge)

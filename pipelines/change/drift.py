@@ -10,7 +10,7 @@ from numba import njit
 from scipy import ndimage
 
 from ..scan import Scan
-from .smoothing import MAD_TO_SIGMA, robust_sigma
+from .smoothing import robust_sigma
 
 __all__ = ["Drift", "lateral_drift"]
 
@@ -18,9 +18,11 @@ FINE_CELLS = 1.0
 """Sigma of the Gaussian that takes out the finest noise, cells: bilinear resampling then hardly blurs."""
 COARSE_CELLS = 8.0
 """Sigma of the Gaussian whose result is subtracted: settlement, tilt and lighting are gone after it."""
+Pair = tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
 ROUNDS = 12
-SIMILAR_COST = 1.3
-"""Spreads of the residuals within this factor do not tell two shifts apart."""
+SIMILAR = 1.5
+"""Shares of cells explained within this factor do not tell two shifts apart."""
+SAMPLED = 20_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,9 +54,9 @@ def _residual(ref, mov, i, j, u, v):  # type: ignore[no-untyped-def]  # numba in
 
 
 @njit(cache=True, nogil=True)
-def _normal_equations(ref, mov, use, u, v, scale, step, sample):  # type: ignore[no-untyped-def]  # as above
+def _normal_equations(ref, mov, use, u, v, scale, step, every, sample):  # type: ignore[no-untyped-def]  # as above
     """Tukey-weighted Gauss-Newton sums for one channel; `sample` gets the raw residuals of a sparse subset."""
-    axx = axy = ayy = bx = by = weight = 0.0
+    axx = axy = ayy = bx = by = 0.0
     count = 0
     kept = 0
     rows, columns = ref.shape
@@ -67,7 +69,7 @@ def _normal_equations(ref, mov, use, u, v, scale, step, sample):  # type: ignore
             gy = 0.5 * (ref[i + 1, j] - ref[i - 1, j])
             if not (np.isfinite(r) and np.isfinite(gx) and np.isfinite(gy)):
                 continue
-            if count % 7 == 0 and kept < sample.size:
+            if count % every == 0 and kept < sample.size:
                 sample[kept] = r
                 kept += 1
             count += 1
@@ -81,8 +83,7 @@ def _normal_equations(ref, mov, use, u, v, scale, step, sample):  # type: ignore
             ayy += w * gy * gy
             bx += w * gx * r
             by += w * gy * r
-            weight += w
-    return axx, axy, ayy, bx, by, weight, count, kept
+    return axx, axy, ayy, bx, by, count, kept
 
 
 def _band(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
@@ -150,63 +151,74 @@ def lateral_drift(scan: Scan, baseline: Scan, use: npt.NDArray[np.bool_], reach_
     if not channels or not use.any():
         return nothing
     starts = {(0, 0)} | {_whole_cells(np.where(use, ref, np.nan), mov, reach) for ref, mov in channels}
-    found = [_refine(channels, use, start) for start in sorted(starts)]
-    best = min(one[0] for one in found)
-    good = [one for one in found if one[0] <= SIMILAR_COST * best]
-    _, u, v, sigma, conditioning = min(good, key=lambda one: np.hypot(one[1], one[2]))
-    ambiguous = max(np.hypot(one[1] - u, one[2] - v) for one in good) > 1.0
-    if not np.isfinite([u, v, sigma]).all() or max(abs(u), abs(v)) > 1.5 * reach:
+    fits = [_refine(channels, use, start) for start in sorted(starts)]
+    found = [one for one in fits if one is not None and max(abs(one.u), abs(one.v)) <= 1.5 * reach]
+    if not found:
         return nothing
-    return Drift(u * grid.pitch_mm, v * grid.pitch_mm, sigma * grid.pitch_mm, conditioning, bool(ambiguous))
+    support = _support(found)
+    good = [one for one, share in zip(found, support, strict=True) if share * SIMILAR >= support.max()]
+    best = min(good, key=lambda one: np.hypot(one.u, one.v))
+    ambiguous = max(np.hypot(one.u - best.u, one.v - best.v) for one in good) > 1.0
+    pitch = grid.pitch_mm
+    return Drift(best.u * pitch, best.v * pitch, best.sigma * pitch, best.conditioning, bool(ambiguous))
 
 
-def _refine(
-    channels: list[tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]],
-    use: npt.NDArray[np.bool_],
-    start: tuple[int, int],
-) -> tuple[float, float, float, float, float]:
-    """Gauss-Newton from one start: (cost per cell, dx, dy, sigma, conditioning), in cells."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fit:
+    """One shift in cells, and its residuals, a sample of each channel."""
+
+    u: float
+    v: float
+    sigma: float
+    conditioning: float
+    residuals: tuple[npt.NDArray[np.float64], ...]
+
+
+def _support(found: list[_Fit]) -> npt.NDArray[np.float64]:
+    """Share of cells that each shift explains, by one bound for all: 3 spreads of the shift that fits best."""
+    support = np.zeros(len(found))
+    for channel in zip(*(one.residuals for one in found), strict=True):
+        bound = 3 * min(_spread(residuals) for residuals in channel)
+        support += [float((np.abs(residuals) <= bound).mean()) for residuals in channel]
+    return support
+
+
+def _spread(residuals: npt.NDArray[np.float64]) -> float:
+    """Standard deviation from the lower quartile of the sizes: right even where half of them are gross errors."""
+    return max(1e-6, float(np.quantile(np.abs(residuals), 0.25)) / 0.31864)
+
+
+def _refine(channels: list[Pair], use: npt.NDArray[np.bool_], start: tuple[int, int]) -> _Fit | None:
+    """Gauss-Newton from one start; None where it cannot be done."""
     u, v = float(start[0]), float(start[1])
-    sample = np.empty(20000, dtype=np.float64)
+    count_used = int(use.sum())
+    step = 1 if count_used < 300_000 else 2
+    samples = [np.empty(SAMPLED) for _ in channels]
+    every = max(1, count_used // step**2 // SAMPLED)
     scales = [1.0 for _ in channels]
-    step = 1 if use.sum() < 300_000 else 2
-    total = np.full((2, 2), np.nan)
-    cost = float("inf")
-    spread = float("nan")
     for turn in range(ROUNDS):
-        total = np.zeros((2, 2))
-        right = np.zeros(2)
-        information = 0.0
-        costs = []
+        total, right = np.zeros((2, 2)), np.zeros(2)
+        residuals = []
         for index, (ref, mov) in enumerate(channels):
-            axx, axy, ayy, bx, by, weight, count, kept = _normal_equations(
-                ref, mov, use, u, v, scales[index], step, sample
+            axx, axy, ayy, bx, by, count, kept = _normal_equations(
+                ref, mov, use, u, v, scales[index], step, every, samples[index]
             )
-            if count < 50 or weight == 0:
-                continue
-            inverse = 1 / scales[index] ** 2
-            total += inverse * np.array([[axx, axy], [axy, ayy]])
-            right += inverse * np.array([bx, by])
-            information += weight
-            # comparable between starts only on one scale: judge by the plain spread of the residuals
-            size = float(MAD_TO_SIGMA * np.median(np.abs(sample[:kept]))) if kept else float("inf")
-            costs.append(size)
-            scales[index] = max(size, 1e-6)
-        if not costs or not np.isfinite(total).all() or np.linalg.det(total) <= 0:
-            return float("inf"), u, v, float("nan"), 0.0
-        cost = float(np.mean(costs))
+            if count < 50:
+                return None
+            total += np.array([[axx, axy], [axy, ayy]]) / scales[index] ** 2
+            right += np.array([bx, by]) / scales[index] ** 2
+            residuals.append(samples[index][:kept])
+            scales[index] = _spread(residuals[-1])
+        if not np.isfinite(total).all() or np.linalg.det(total) <= 0:
+            return None
         move = np.linalg.solve(total, right)
         move *= min(1.0, 1.0 / max(1e-12, float(np.hypot(*move))))  # at most one cell a round
-        u -= float(move[0])
-        v -= float(move[1])
-        spread = information
+        u, v = u - float(move[0]), v - float(move[1])
         if np.hypot(*move) < 1e-4 and turn > 2:
             break
-    if not spread > 0:
-        return float("inf"), u, v, float("nan"), 0.0
     singular = np.linalg.svd(total, compute_uv=False)
     # residuals share their errors over the smoothing's footprint (4 pi sigma^2 cells), so they count that much less;
     # 0.01 cell is what bilinear resampling leaves
     shared = max(1.0, 4 * np.pi * FINE_CELLS**2 / step**2)
     sigma = float(np.sqrt(shared / singular[-1] + 0.01**2))
-    return cost, u, v, sigma, float(singular[-1] / singular[0])
+    return _Fit(u, v, sigma, float(singular[-1] / singular[0]), tuple(r.copy() for r in residuals))

@@ -1,0 +1,126 @@
+"""Volumes against closed forms, and their uncertainty against repeated noise."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import ndimage
+
+from pipelines.change import Change, Motion, difference, volumes
+from pipelines.change.volume import error_covariance, volume_sigma
+from tests.pipelines.change.scans import sampled, scan_of
+
+PITCH = 0.02
+
+
+def change_of(dz: npt.NDArray[np.floating], sigma: float = 0.002) -> Change:
+    still = scan_of(np.zeros(dz.shape), PITCH, sigma=sigma / np.sqrt(2))
+    return difference(scan_of(dz, PITCH, sigma=sigma / np.sqrt(2), hour=1), still, Motion.none())
+
+
+def correlated(
+    random: np.random.Generator, shape: tuple[int, int], cells: float, sigma: float
+) -> npt.NDArray[np.float64]:
+    noise = ndimage.gaussian_filter(random.normal(size=shape), cells, mode="wrap")
+    return noise * (
+        sigma * 2 * np.sqrt(np.pi) * cells
+    )  # a Gaussian of s cells leaves 1 / (2 sqrt(pi) s) of white noise
+
+
+def test_a_cone_and_a_pit() -> None:
+    dz = sampled(
+        lambda x, y: (
+            np.maximum(0, 0.2 * (1 - np.hypot(x - 1, y - 1.5) / 0.8))
+            - np.maximum(0, 0.1 * (1 - np.hypot(x - 3, y - 1.5) / 0.6))
+        )
+    )
+    everywhere = np.ones(dz.shape, dtype=np.bool_)
+    found = volumes(change_of(dz), everywhere, dz == 0)
+    up, down = np.pi / 3 * 0.8**2 * 0.2, np.pi / 3 * 0.6**2 * 0.1
+    assert found.gained.value == pytest.approx(up, rel=2e-3)
+    assert found.lost.value == pytest.approx(down, rel=2e-3)
+    assert found.net.value == pytest.approx(up - down, rel=2e-3)
+    assert found.covered == 1.0
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**31), st.integers(1, 29))
+def test_volumes_add_up(seed: int, cut: int) -> None:
+    random = np.random.default_rng(seed)
+    dz = random.normal(0, 0.05, (24, 30))
+    dz[random.random(dz.shape) < 0.2] = np.nan
+    change = change_of(dz)
+    left = np.zeros(dz.shape, dtype=np.bool_)
+    left[:, :cut] = True
+    nowhere = np.zeros(dz.shape, dtype=np.bool_)
+    whole, one, two = (volumes(change, part, nowhere) for part in (left | ~left, left, ~left))
+    assert whole.net.value == pytest.approx(one.net.value + two.net.value, abs=1e-9)
+    for part in (whole, one, two):
+        assert part.gained.value - part.lost.value == pytest.approx(part.net.value, abs=1e-12)
+        assert part.gained.value >= 0
+
+
+def test_cells_not_measured_add_nothing_and_are_told() -> None:
+    dz = np.full((50, 50), 0.1)
+    dz[:, :10] = np.nan
+    found = volumes(change_of(dz), np.ones(dz.shape, dtype=np.bool_), np.zeros(dz.shape, dtype=np.bool_))
+    assert found.covered == pytest.approx(0.8)
+    assert found.net.value == pytest.approx(0.1 * 50 * 40 * PITCH**2)
+    empty = volumes(change_of(dz * np.nan), np.ones(dz.shape, dtype=np.bool_), np.zeros(dz.shape, dtype=np.bool_))
+    assert np.isnan(empty.net.value)
+    assert empty.covered == 0
+
+
+def test_white_noise_gives_the_textbook_value() -> None:
+    # 682,640 cells of 0.25 m with a standard deviation of 0.11584754 m: 11.7252 m3 at 95 %
+    mask = np.ones((784, 871), dtype=np.bool_)
+    mask.ravel()[682_640:] = False
+    assert mask.sum() == 682_640
+    assert 1.96 * volume_sigma(mask, np.array([0.11584754**2]), 0.25) == pytest.approx(11.725159819775277)
+
+
+def test_correlated_errors_are_counted() -> None:
+    sums, predicted = [], []
+    shape = (200, 300)
+    ground, region = np.zeros((2, *shape), dtype=np.bool_)
+    ground[:, :180] = True
+    region[40:160, 190:290] = True
+    for seed in range(150):
+        dz = correlated(np.random.default_rng(seed), shape, 4.0, 0.01)
+        sums.append(dz[region].sum() * PITCH**2)
+        if seed < 10:
+            covariance = error_covariance(dz.astype(np.float32), ground)
+            assert covariance is not None
+            assert covariance[0] == pytest.approx(1e-4, rel=0.15)
+            predicted.append(volume_sigma(region, covariance, PITCH))
+    assert np.mean(predicted) == pytest.approx(np.std(sums), rel=0.25)
+    white = volume_sigma(region, np.array([1e-4]), PITCH)
+    assert np.std(sums) > 8 * white  # what taking the cells for independent would hide
+
+
+def test_the_uncertainty_of_the_net_volume_is_honest() -> None:
+    shape = (160, 240)
+    ground = np.zeros(shape, dtype=np.bool_)
+    ground[:, :140] = True
+    truth = 0.02 * 160 * 100 * PITCH**2
+    scores, gained = [], []
+    for seed in range(40):
+        dz = correlated(np.random.default_rng(seed), shape, 3.0, 0.01)
+        dz[:, 140:] += 0.02
+        found = volumes(change_of(dz, 0.01), ~ground, ground)
+        scores.append((found.net.value - truth) / found.net.sigma)
+        gained.append((found.gained.value - truth) / found.gained.sigma)
+    assert 0.6 < np.std(scores) < 1.5
+    assert np.sqrt(np.mean(np.square(gained))) < 1.7
+
+
+def test_too_little_ground_falls_back_on_the_sigmas() -> None:
+    dz = np.random.default_rng(0).normal(0, 0.01, (60, 60))
+    region = np.ones(dz.shape, dtype=np.bool_)
+    found = volumes(change_of(dz, 0.01), region, np.zeros(dz.shape, dtype=np.bool_))
+    assert error_covariance(dz.astype(np.float32), np.zeros(dz.shape, dtype=np.bool_)) is None
+    assert abs(found.net.value) < 3 * found.net.sigma
+    assert np.isfinite(found.gained.sigma)
