@@ -5,7 +5,7 @@ from .record import record_review
 from .report import SECTIONS, write_findings, write_report
 from .section import Figure, Section, Table
 from .verdict import Verdict, judge_findings
-from .viewer import NO_SCREEN, check_ports, has_screen, open_viewer, serve_web
+from .viewer import NO_SCREEN, check_ports, has_screen, open_command, open_viewer, serve_web
 
 __all__ = [
     "NO_SCREEN",
@@ -19,6 +19,7 @@ __all__ = [
     "gather",
     "has_screen",
     "judge_findings",
+    "open_command",
     "open_viewer",
     "record_review",
     "serve_web",

@@ -106,7 +106,7 @@ def review_blueprint(layout: Layout) -> rrb.Blueprint:
             timeline=paths.TIME_TIMELINE,
             playback_speed=max(_SCANS_PER_SECOND * layout.interval_s, 1.0),
             fps=_SCANS_PER_SECOND,
-            play_state="paused",
+            play_state="following",  # opens at the newest scan,
         ),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
@@ -148,7 +148,7 @@ def _surface_view(layout: Layout) -> rrb.Spatial3DView:
     middle = (layout.height.low + layout.height.high) / 2 * layout.exaggeration
     centre = np.array([(x_low + x_high) / 2, (y_low + y_high) / 2, middle])
     reach = float(np.hypot(x_high - x_low, y_high - y_low))
-    eye = centre + reach * np.array([-0.3, -0.68, 0.66])
+    eye = centre + reach * np.array([-0.27, -0.62, 0.6])
     taller = "" if layout.exaggeration == 1 else f", heights drawn {plain(layout.exaggeration)} times taller"
     return rrb.Spatial3DView(
         origin=paths.SURFACE,

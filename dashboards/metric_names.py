@@ -73,9 +73,14 @@ def trend_groups(series: pd.DataFrame, units: Mapping[str, str], alike: float = 
             groups.append((unit, size, [name_metric(name, unit)]))
     return tuple(
         TrendGroup(
-            members[0].title if len(members) == 1 else _GROUP_TITLES.get(unit, " and ".join(m.title for m in members)),
+            members[0].title if len(members) == 1 else _GROUP_TITLES.get(unit, _joined(members)),
             unit,
             tuple(members),
         )
         for unit, _, members in groups
     )
+
+
+def _joined(members: list[Named]) -> str:
+    first, *others = (metric.title for metric in members)
+    return " and ".join([first, *(title[:1].lower() + title[1:] for title in others)])

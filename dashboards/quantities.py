@@ -8,12 +8,12 @@ import numpy as np
 
 from pipelines import Instant, Measurement
 
-__all__ = ["NOT_MEASURED_TEXT", "day_and_time", "plain", "span", "unit_text", "with_uncertainty"]
+__all__ = ["MINUS", "NOT_MEASURED_TEXT", "day_and_time", "plain", "span", "unit_text", "with_uncertainty"]
 
 NOT_MEASURED_TEXT = "not measured"
 
 _UNITS = {"mm3": "mm³", "mm2": "mm²", "um": "µm", "um2": "µm²", "um3": "µm³", "1": "", "degree": "°", "percent": "%"}
-_MINUS = "\N{MINUS SIGN}"
+MINUS = "\N{MINUS SIGN}"
 
 
 def unit_text(unit: str) -> str:
@@ -74,4 +74,4 @@ def day_and_time(moment: Instant) -> str:
 
 def _signed(value: float, decimals: int) -> str:
     text = f"{abs(value):.{decimals}f}"
-    return f"{_MINUS}{text}" if value < 0 and float(text) != 0 else text
+    return f"{MINUS}{text}" if value < 0 and float(text) != 0 else text

@@ -9,10 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-import pandas as pd
-
 from configs import StoreError
-from storage import Store
+from storage import Store, write_series
 
 from . import sections
 from .findings import Findings, gather
@@ -90,15 +88,3 @@ def render(findings: Findings) -> str:
     return environment.get_template("report.html").render(
         site=findings.about.site or "microrelief", software=findings.about.software, sections=made
     )
-
-
-def write_series(series: pd.DataFrame, file: Path) -> None:
-    """Write a series as CSV or Parquet, by suffix; each column's name carries its unit."""
-    units = dict(series.attrs.get("units", {}))
-    suffixes = {name: f" ({unit})" for name, unit in units.items()}
-    suffixes |= {f"{name}_sigma": f" ({unit})" for name, unit in units.items()}
-    named = series.rename(columns={name: f"{name}{suffixes.get(str(name), '')}" for name in series.columns})
-    if file.suffix == ".parquet":
-        named.to_parquet(file)
-    else:
-        named.to_csv(file, date_format="%Y-%m-%dT%H:%M:%S.%fZ", lineterminator="\n")

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import shlex
+import shutil
 import socket
 import subprocess
 import sys
@@ -13,7 +15,7 @@ from pathlib import Path
 
 from configs import InputError, MicroreliefError
 
-__all__ = ["NO_SCREEN", "check_ports", "has_screen", "open_viewer", "serve_web", "viewer_program"]
+__all__ = ["NO_SCREEN", "check_ports", "has_screen", "open_command", "open_viewer", "serve_web", "viewer_program"]
 
 LOCAL = "127.0.0.1"
 NO_SCREEN = (
@@ -43,6 +45,14 @@ def viewer_program() -> Path:
         if (folder / name).is_file():
             return folder / name
     raise MicroreliefError(f"the Rerun viewer is not in {folder}: install it again with pip install rerun-sdk")
+
+
+def open_command(rrd: Path) -> str:
+    """Give the shell command that opens a recording on this machine."""
+    found = shutil.which("rerun")
+    beside = Path(sys.executable).parent / "rerun"  # an environment that is not activated
+    program = "rerun" if found or not beside.exists() else shlex.quote(str(beside))
+    return f"{program} {shlex.quote(str(rrd))}"
 
 
 def has_screen() -> bool:

@@ -38,8 +38,8 @@ def report(
     json_
         Print a summary as JSON.
 
-    Example
-    -------
+    Examples
+    --------
     microrelief report demo/demo.icechunk --out demo/report
     """
     opened = open_store(store)

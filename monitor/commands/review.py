@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import signal
 import subprocess
 import sys
@@ -14,7 +13,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from configs import InputError, MicroreliefError
-from dashboards import NO_SCREEN, check_ports, has_screen, open_viewer, record_review, serve_web
+from dashboards import NO_SCREEN, check_ports, has_screen, open_command, open_viewer, record_review, serve_web
 from storage import Store, open_store
 
 from ..progress import progress
@@ -44,8 +43,8 @@ def review(
     port
         Port of the web page, 9090 if none is given, or of the viewer.
 
-    Example
-    -------
+    Examples
+    --------
     microrelief review demo/demo.icechunk --web
     """
     if web and save is not None:
@@ -57,7 +56,7 @@ def review(
         if save is not None:
             _record(opened, save)
             size = save.stat().st_size / 1e6
-            print(f"wrote {save} ({size:.1f} MB, {len(opened)} scans); open it with: rerun {shlex.quote(str(save))}")
+            print(f"wrote {save} ({size:.1f} MB, {len(opened)} scans); open it with: {open_command(save)}")
             return 0
         with tempfile.TemporaryDirectory(prefix="microrelief-") as folder:
             rrd = Path(folder) / "review.rrd"

@@ -30,6 +30,9 @@ if TYPE_CHECKING:
 PACKAGES = ("libegl1", "libgl1-mesa-dri", "libvulkan1", "mesa-vulkan-drivers")
 """Debian packages of the software renderer that the viewer needs where there is no screen."""
 
+_TOASTS_S = 8.0
+"""How long the viewer's own start-up messages cover a corner of the window."""
+
 Picture = npt.NDArray[np.uint8]
 
 
@@ -145,6 +148,7 @@ def main() -> None:
                 look.show_end()
             else:
                 look.show(scan=given.scan)
+            time.sleep(_TOASTS_S)
             given.out.parent.mkdir(parents=True, exist_ok=True)
             Image.fromarray(look.picture(given.view)).save(given.out, optimize=True)
             for complaint in look.complaints():
