@@ -103,7 +103,7 @@ def _print_table(scans: Sequence[JudgedScan]) -> None:
     for scan in scans:
         cells = []
         for each in scan.judged:
-            digits = 2 if each.metric == "net_volume" else 3
+            digits = {"net_volume": 2, "edge_lift": 4}.get(each.metric, 3)
             cells += [f"{each.value:.{digits}f} ± {each.sigma:.{digits}f}", f"{each.error:+.{digits}f}"]
         table.add_row(str(scan.number), f"{scan.elapsed_h:g} h", *cells)
     console = Console(highlight=False)

@@ -37,7 +37,8 @@ class Chessboard:
         """Fix the places, any shape. A printed edge is 8 um soft (standard deviation of tanh's slope)."""
         x, y = (np.asarray(axis, np.float64) for axis in np.broadcast_arrays(x_mm, y_mm))
         _, half_x, _, half_y = self.region_mm
-        light = _alternate(x + half_x, self.square_mm) * _alternate(y + half_y, self.square_mm)
+        squares_x, squares_y = (corners + 1 for corners in self.inner_corners)
+        light = _alternate(x + half_x, self.square_mm, squares_x) * _alternate(y + half_y, self.square_mm, squares_y)
         dark = np.where((np.abs(x) <= half_x) & (np.abs(y) <= half_y), 0.5 - 0.5 * light, 0.0)
         return Still(np.zeros(x.shape), 0.80 - 0.68 * dark)
 
@@ -86,12 +87,14 @@ class Still:
         return self.still_albedo
 
 
-def _alternate(along: Array, side: float) -> Array:
-    """+1 and -1 in turn, crossing 0 softly at each multiple of `side`."""
-    to_edge = (along / side - np.floor(along / side + 0.5)) * side
-    sign = np.where(np.floor(along / side + 0.5) % 2 == 0, 1.0, -1.0)
-    soft: Array = sign * np.tanh(to_edge / PRINT_EDGE_MM)
-    return soft
+def _alternate(along: Array, side: float, count: int) -> Array:
+    """+1 and -1 in turn over `count` squares, crossing 0 softly at each edge between two of them."""
+    edge = np.floor(along / side + 0.5)
+    to_edge = along - edge * side
+    between = (edge > 0) & (edge < count)
+    soft = np.where(between, np.tanh(to_edge / PRINT_EDGE_MM), np.where(to_edge < 0, -1.0, 1.0))
+    alternate: Array = np.where(edge % 2 == 0, 1.0, -1.0) * soft
+    return alternate
 
 
 def _still_truth(region: tuple[float, float, float, float]) -> SceneTruth:
