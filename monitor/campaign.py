@@ -281,18 +281,22 @@ def _open_or_create(campaign: Campaign, calibration: Calibration, patterns: Patt
     units = {name: METRICS[name].unit for name in campaign.metrics}
     if path.exists():
         store = open_store(path, write=True, metrics=units)
-        grid = store.about.grid
-        if pitch_mm is not None and grid is not None and abs(grid.pitch_mm - pitch_mm) > 1e-9:
+        kept = store.about.grid
+        if pitch_mm is not None and kept is not None and abs(kept.pitch_mm - pitch_mm) > 1e-9:
             store.close()
             raise InputError(
-                f"grid.pitch_mm is {pitch_mm:g}, but the store {path} has cells of {grid.pitch_mm:g} mm: "
+                f"grid.pitch_mm is {pitch_mm:g}, but the store {path} has cells of {kept.pitch_mm:g} mm: "
                 "take the store's pitch, or give store.path another name"
             )
         return store
+    try:
+        grid = footprint_grid(calibration, pitch_mm)
+    except ValueError as error:
+        raise InputError(f"calibration {calibration.id}: {error}") from None
     return create_store(
         path,
         site=campaign.site.name,
-        grid=footprint_grid(calibration, pitch_mm),
+        grid=grid,
         campaign=text,
         campaign_hash=campaign_hash(campaign, patterns),
         metrics=units,

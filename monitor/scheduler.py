@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime, timedelta
+from fractions import Fraction
 from typing import Any, Protocol
 from zoneinfo import ZoneInfo
 
@@ -25,7 +26,9 @@ __all__ = [
     "slots_between",
 ]
 
-MICROSECOND = timedelta(microseconds=1)
+SLACK = timedelta(milliseconds=10)
+"""Far more than float seconds err by, far less than the shortest interval, 1 s."""
+
 LONGEST_GRACE_S = 900.0
 
 
@@ -46,11 +49,11 @@ class _TriggerSlots:
 
     def after(self, moment: Instant) -> Instant | None:
         """Give the first slot later than `moment`; None when the schedule is over."""
-        earliest = as_datetime(moment) + MICROSECOND
-        slot = self._trigger.get_next_fire_time(None, earliest)
-        while slot is not None and instant(slot) <= moment:  # the trigger reckons in float seconds
-            earliest += MICROSECOND
-            slot = self._trigger.get_next_fire_time(None, earliest)
+        # the trigger reckons in float seconds and may skip a slot that it is asked for to the microsecond: ask from a
+        # little before, and once more from a little after where that gave a slot that has been
+        slot = self._trigger.get_next_fire_time(None, as_datetime(moment) - SLACK)
+        if slot is not None and instant(slot) <= moment:
+            slot = self._trigger.get_next_fire_time(None, as_datetime(moment) + SLACK)
         if slot is None or (self._until is not None and slot > self._until):
             return None
         return instant(slot)
@@ -102,7 +105,7 @@ class VideoSlots:
             slot = self.anchor
         else:
             passed = int((moment - self.anchor) / np.timedelta64(1, "ns"))
-            count = int(passed * self.rate_hz / 1e9)
+            count = int(passed * Fraction(self.rate_hz) / 10**9)
             while self._nanoseconds(count) <= passed:
                 count += 1
             while count > 0 and self._nanoseconds(count - 1) > passed:
@@ -111,7 +114,7 @@ class VideoSlots:
         return slot if self.until is None or slot < self.until else None
 
     def _nanoseconds(self, count: int) -> int:
-        return round(count * 1e9 / self.rate_hz)
+        return round(count * 10**9 / Fraction(self.rate_hz))  # exact: a float is off by nanoseconds after months
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,247 @@
+"""A campaign with the real store and ledger: restarts, stops and kills lose nothing and double nothing."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from configs import InputError, StoreError
+from monitor.campaign import INTERRUPTED, reconcile, run_campaign
+from monitor.clock import AcceleratedClock
+from monitor.loop import BEGAN, ENDED, Settled
+from pipelines import instant
+from storage import Ledger, ledger_beside, open_store
+
+from .campaigns import BASE, Rig, campaign_in, work
+
+ROOT = Path(__file__).resolve().parents[2]
+T0 = instant(BASE)
+Start = Callable[..., subprocess.Popen[str]]
+HOUR = np.timedelta64(3600 * 10**9, "ns")
+
+
+def go(folder: Path, visits: int | None = None, *, at_h: float = 0, **options: object) -> list[Settled]:
+    told: list[Settled] = []
+    clock = AcceleratedClock(T0 + np.timedelta64(round(at_h * 3600), "s"))
+    until = str(options.pop("until", None) or "") or None
+    campaign = campaign_in(folder, until=until)
+    run_campaign(campaign, clock=clock, rig=Rig(), on_settled=told.append, max_scans=visits, work=work)
+    return told
+
+
+def states(folder: Path) -> dict[int, str]:
+    ledger = Ledger(ledger_beside(folder / "site.icechunk"), write=False)
+    rows = ledger.rows()
+    ledger.close()
+    return {int((row.planned - T0) / HOUR): row.state for row in rows}
+
+
+def planned_hours(folder: Path) -> list[int]:
+    store = open_store(folder / "site.icechunk")
+    return [int((store[number].planned - T0) / HOUR) for number in range(len(store))]
+
+
+def test_a_restart_goes_on_with_the_next_slot_and_the_same_store(tmp_path: Path) -> None:
+    go(tmp_path, 3)
+    go(tmp_path, 2, at_h=2.5)
+    assert planned_hours(tmp_path) == [0, 1, 2, 3, 4]
+    assert set(states(tmp_path).values()) == {"taken"}
+
+
+def test_the_grid_of_a_campaign_without_start_is_remembered(tmp_path: Path) -> None:
+    campaign = campaign_in(tmp_path, start=None)
+    for begin_min in (7, 7 + 95):
+        clock = AcceleratedClock(T0 + np.timedelta64(begin_min * 60, "s"))
+        run_campaign(campaign, clock=clock, rig=Rig(), max_scans=1, work=work)
+    ledger = Ledger(ledger_beside(campaign.store.path), write=False)
+    minutes = [int((row.planned - T0) / np.timedelta64(60, "s")) for row in ledger.rows()]
+    ledger.close()
+    assert minutes == [7, 67, 127], "67 was missed, and 127 is on the grid of the first run"
+
+
+def test_slots_of_the_time_when_nothing_ran_are_missed_with_their_cause(tmp_path: Path) -> None:
+    go(tmp_path, 2)
+    go(tmp_path, 1, at_h=5.5)
+    assert states(tmp_path) == {0: "taken", 1: "taken", 2: "missed", 3: "missed", 4: "missed", 5: "missed", 6: "taken"}
+    texts = [event.text for event in open_store(tmp_path / "site.icechunk").events if event.kind == "missed"]
+    assert len(texts) == 1
+    assert "missed 4 slots" in texts[0]
+    assert "not running" in texts[0]
+
+
+def test_the_store_notes_that_monitoring_began_and_ended(tmp_path: Path) -> None:
+    go(tmp_path, 1)
+    notes = [event.text for event in open_store(tmp_path / "site.icechunk").events if event.kind == "note"]
+    assert [note.split(":")[0] for note in notes] == [BEGAN, ENDED]
+
+
+def test_a_kill_between_commit_and_ledger_gives_no_second_scan(tmp_path: Path) -> None:
+    go(tmp_path, 3)
+    file = ledger_beside(tmp_path / "site.icechunk")
+    import sqlite3
+
+    with sqlite3.connect(file.file) as data:  # what the disk holds after such a kill
+        data.execute("UPDATE slots SET state = 'planned', scan = NULL WHERE planned = (SELECT max(planned) FROM slots)")
+    data.close()
+    go(tmp_path, 1, at_h=2.1)
+    assert planned_hours(tmp_path) == [0, 1, 2, 3]
+    assert set(states(tmp_path).values()) == {"taken"}
+
+
+def test_a_kill_during_a_scan_is_recorded_as_missed(tmp_path: Path) -> None:
+    go(tmp_path, 2)
+    where = ledger_beside(tmp_path / "site.icechunk")
+    ledger = Ledger(where)
+    ledger.plan(T0 + 2 * HOUR)
+    store = open_store(tmp_path / "site.icechunk", write=True)
+    reconcile(ledger, store)
+    row = ledger.last()
+    assert row is not None
+    assert (row.state, row.cause) == ("missed", INTERRUPTED)
+    assert INTERRUPTED in store.events[-1].text
+    ledger.close()
+    store.close()
+
+
+def test_a_store_of_another_pitch_is_refused(tmp_path: Path) -> None:
+    go(tmp_path, 1)
+    campaign = campaign_in(tmp_path)
+    other = campaign.model_copy(update={"grid": campaign.grid.model_copy(update={"pitch_mm": 0.2})})
+    with pytest.raises(InputError, match=r"grid\.pitch_mm is 0\.2, but the store .* has cells of 0\.1 mm"):
+        run_campaign(other, clock=AcceleratedClock(T0), rig=Rig(), work=work)
+
+
+def test_a_missing_calibration_names_the_command_that_makes_it(tmp_path: Path) -> None:
+    campaign = campaign_in(tmp_path)
+    (tmp_path / "calibration.json").unlink()
+    with pytest.raises(InputError, match="microrelief calibrate POSE_DIR"):
+        run_campaign(campaign, clock=AcceleratedClock(T0), rig=Rig(), work=work)
+
+
+def test_a_second_writer_is_refused(tmp_path: Path) -> None:
+    go(tmp_path, 1)
+    writer = open_store(tmp_path / "site.icechunk", write=True)
+    try:
+        with pytest.raises(StoreError, match="another writer holds this store"):
+            go(tmp_path, 1)
+    finally:
+        writer.close()
+
+
+def test_a_scan_now_is_one_visit_and_moves_no_slot(tmp_path: Path) -> None:
+    go(tmp_path, 2)
+    clock = AcceleratedClock(T0 + np.timedelta64(100 * 60, "s"))
+    outcome = run_campaign(campaign_in(tmp_path), clock=clock, rig=Rig(), work=work, now=True)
+    assert (outcome.taken, len(outcome.lags_s)) == (1, 1)
+    go(tmp_path, 1, at_h=1.8)
+    assert len(open_store(tmp_path / "site.icechunk")) == 4
+    ledger = Ledger(ledger_beside(tmp_path / "site.icechunk"), write=False)
+    minutes = [int((row.planned - T0) / np.timedelta64(60, "s")) for row in ledger.rows()]
+    ledger.close()
+    assert minutes == [0, 60, 100, 120]
+
+
+@pytest.fixture
+def start() -> Iterator[Start]:
+    """Start campaigns in processes of their own; none outlives its test."""
+    started: list[subprocess.Popen[str]] = []
+
+    def begin(folder: Path, *options: str) -> subprocess.Popen[str]:
+        command = [sys.executable, "-m", "tests.monitor.campaigns", str(folder), *options]
+        process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        started.append(process)
+        return process
+
+    yield begin
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+def read_until(process: subprocess.Popen[str], word: str) -> str:
+    assert process.stdout is not None
+    for line in process.stdout:
+        if word in line:
+            return line
+    raise AssertionError(f"it ended before saying {word!r}: {process.stderr.read() if process.stderr else ''}")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_finishes_the_scan_under_way(start: Start, tmp_path: Path, number: signal.Signals) -> None:
+    process = start(tmp_path, "--scan-s", "0.3", "--hours", "10000")
+    read_until(process, "committed scan 1")
+    time.sleep(0.05)
+    process.send_signal(number)
+    out, err = process.communicate(timeout=30)
+    assert process.returncode == 0, err
+    assert "stopping after the scan under way" in err
+    assert "stopped True" in out
+    assert planned_hours(tmp_path) == list(states(tmp_path))
+    assert set(states(tmp_path).values()) == {"taken"}
+
+
+def test_a_signal_while_waiting_stops_at_once(start: Start, tmp_path: Path) -> None:
+    process = start(tmp_path, "--real")
+    read_until(process, "committed scan 0")
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=10)
+    assert process.returncode == 0
+
+
+def test_a_second_signal_stops_in_the_middle(start: Start, tmp_path: Path) -> None:
+    process = start(tmp_path, "--scan-s", "20")
+    read_until(process, "capturing")
+    process.send_signal(signal.SIGINT)
+    assert process.stderr is not None
+    assert "once more stops at once" in process.stderr.readline()
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=10)
+    assert process.returncode != 0
+    assert states(tmp_path) == {0: "planned"}, "the next start settles it as missed"
+
+
+def kill_and_resume(start: Start, folder: Path, kills: int, chance: random.Random) -> None:
+    """Kill at random, start again; then everything that was acknowledged is there once, and every slot has an end."""
+    acknowledged: set[int] = set()
+    hours = 40 * (kills + 1)
+    for _ in range(kills):
+        process = start(folder, "--hours", str(hours), "--scan-s", "0.005")
+        acknowledged.add(int(read_until(process, "committed scan").split()[-1]))
+        time.sleep(chance.uniform(0, 0.6))
+        os.kill(process.pid, signal.SIGKILL)
+        out, _ = process.communicate()
+        acknowledged.update(int(line.split()[-1]) for line in out.splitlines() if line.startswith("committed scan"))
+    process = start(folder, "--hours", str(hours))
+    out, err = process.communicate(timeout=300)
+    assert process.returncode == 0, err
+    acknowledged.update(int(line.split()[-1]) for line in out.splitlines() if line.startswith("committed scan"))
+    stored, settled = planned_hours(folder), states(folder)
+    assert stored == sorted(set(stored)), "a slot has two scans"
+    assert acknowledged <= set(stored), "an acknowledged scan is lost"
+    assert sorted(settled) == list(range(hours + 1)), "a slot has no row"
+    assert [hour for hour, state in settled.items() if state == "taken"] == stored
+    assert set(settled.values()) <= {"taken", "missed"}
+    assert sum(state == "missed" for state in settled.values()) <= kills
+    store = open_store(folder / "site.icechunk")
+    for number in (0, len(store) // 2, len(store) - 1):
+        hour = stored[number]
+        assert abs(float(store[number].scan.height[0, 0]) - hour % 1000 / 1000) < 0.0006
+
+
+def test_kill_9_loses_nothing_and_doubles_nothing(start: Start, tmp_path: Path) -> None:
+    kill_and_resume(start, tmp_path, 2, random.Random(1))
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("seed", range(5))
+def test_many_kills(start: Start, tmp_path: Path, seed: int) -> None:
+    kill_and_resume(start, tmp_path, 20, random.Random(seed))
