@@ -18,7 +18,7 @@ from .rig_model import Calibration
 from .stereo_start import PoseCorners, solve
 from .subpixel import locate
 
-__all__ = ["MIN_POSES", "calibrate", "calibrate_decoded", "find_corners"]
+__all__ = ["MIN_POSES", "Mirrored", "calibrate", "calibrate_decoded", "find_corners"]
 
 MIN_POSES = 3
 Mirrored = Literal["auto", "none", "camera", "projector"]

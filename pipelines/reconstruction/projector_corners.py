@@ -17,13 +17,13 @@ import numpy.typing as npt
 from .pinhole import finite, fit_homography, map_homography
 from .pixel_maps import Decoded
 
-__all__ = ["CornerMethod", "corner_spacing_px", "projector_corners"]
+__all__ = ["CornerMethod", "corner_spacing_px", "inside", "outline", "projector_corners"]
 
 CornerMethod = Literal["plane", "local"]
 Floats = npt.NDArray[np.float64]
 
 GROSS_PX = 3.0  # a decoded pixel further than this from its neighbours' homography is a decoding error
-MOST_PIXELS = 300_000  # of a board: more make the fit slower and no better
+MOST_PIXELS = 60_000  # of a board: more make the fit slower and no better
 CUBIC = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3)]
 
 
@@ -109,7 +109,7 @@ def _robust_homography(source: Floats, target: Floats, random: np.random.Generat
 
 
 def _plane(decoded: Decoded, corners: Floats, inner_corners: tuple[int, int]) -> Floats:
-    hull = _outline(corners, inner_corners)
+    hull = outline(corners, inner_corners)
     H, W = decoded.column.shape
     c0, r0 = np.maximum(np.floor(hull.min(axis=0)).astype(int), 0)
     c1, r1 = np.minimum(np.ceil(hull.max(axis=0)).astype(int) + 1, [W, H])
@@ -119,7 +119,7 @@ def _plane(decoded: Decoded, corners: Floats, inner_corners: tuple[int, int]) ->
     window = slice(r0, r1, step), slice(c0, c1, step)
     both = np.stack([decoded.column[window], decoded.row[window]], axis=-1)
     target: Floats = both.reshape(-1, 2).astype(np.float64)
-    keep = finite(target) & _inside(source, hull)
+    keep = finite(target) & inside(source, hull)
     source, target = source[keep], target[keep]
     if len(source) < 500:
         return np.full(corners.shape, np.nan)
@@ -160,7 +160,7 @@ def _medians(decoded: Decoded, corners: Floats, spacing: float) -> tuple[Floats,
     return np.array(where, dtype=np.float64), np.array(seen, dtype=np.float64)
 
 
-def _outline(corners: Floats, inner_corners: tuple[int, int]) -> Floats:
+def outline(corners: Floats, inner_corners: tuple[int, int]) -> Floats:
     """Give the four outer corners of the lattice, moved outwards by 0.6 of a square."""
     columns, rows = inner_corners
     lattice = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2).astype(np.float64)
@@ -169,7 +169,7 @@ def _outline(corners: Floats, inner_corners: tuple[int, int]) -> Floats:
     return map_homography(H, np.array([[a, c], [b, c], [b, d], [a, d]]))
 
 
-def _inside(points: Floats, quadrangle: Floats) -> npt.NDArray[np.bool_]:
+def inside(points: Floats, quadrangle: Floats) -> npt.NDArray[np.bool_]:
     """Whether points (n, 2) lie inside a convex quadrangle (4, 2) of either sense."""
     p, q = quadrangle, np.roll(quadrangle, -1, axis=0)
     side = (q - p)[:, 0] * (points[:, None, 1] - p[:, 1]) - (q - p)[:, 1] * (points[:, None, 0] - p[:, 0])

@@ -1,0 +1,180 @@
+"""Real and rendered captures with known answers: the bars that the whole chain is judged by."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from pipelines.reconstruction import (
+    Board,
+    Calibration,
+    Decoded,
+    Lens,
+    calibrate_decoded,
+    decode,
+    locate,
+    refine,
+    triangulate,
+)
+from pipelines.reconstruction.calibration import Mirrored, find_corners
+from pipelines.reconstruction.pinhole import undistort
+from pipelines.reconstruction.projector_corners import CornerMethod, inside, outline
+from storage import read_capture, read_patterns
+
+Floats = npt.NDArray[np.float64]
+
+REAL = Board((7, 9), 75.0)
+RENDERED = Board((15, 8), 0.85)
+POSES = (0, 2, 4, 6, 8)
+
+
+def robust_sd(values: Floats) -> float:
+    return float(1.4826 * np.median(np.abs(values - np.median(values))))
+
+
+@pytest.fixture(scope="module")
+def real(shared_data: Path) -> list[Decoded]:
+    patterns = read_patterns(shared_data / "kamino410" / "patterns.yaml")
+    return [locate(read_capture(shared_data / "kamino410" / f"capture_{n}", patterns)) for n in range(3)]
+
+
+@pytest.fixture(scope="module")
+def rendered(shared_data: Path) -> list[Decoded]:
+    patterns = read_patterns(shared_data / "rendered" / "patterns.yaml")
+    return [locate(read_capture(shared_data / "rendered" / "calib" / f"pose{n}", patterns)) for n in POSES]
+
+
+@pytest.fixture(scope="module")
+def rendered_rig(rendered: list[Decoded]) -> Calibration:
+    return calibrate_decoded(rendered, (608, 684), RENDERED)
+
+
+@pytest.fixture(scope="module")
+def surface(shared_data: Path) -> Decoded:
+    patterns = read_patterns(shared_data / "rendered" / "patterns.yaml")
+    return locate(read_capture(shared_data / "rendered" / "t0", patterns))
+
+
+@pytest.mark.parametrize("method", ["plane", "local"])
+def test_real_board(real: list[Decoded], method: CornerMethod) -> None:
+    rig = calibrate_decoded(real, (1024, 768), REAL, method=method)
+    kept, found = sum(pose.kept for pose in rig.poses), sum(pose.found for pose in rig.poses)
+    print(f"kamino410, {method}: {dict(rig.rms_px)}, {kept} of {found} corners")
+    assert rig.rms_px["stereo"] <= 0.35
+    assert kept >= 0.95 * found
+    assert not rig.camera.mirrored
+    assert not rig.projector.mirrored
+    for decoded in real:
+        points = triangulate(decoded, rig)
+        corners, inner = find_corners(decoded.texture, REAL, "pose")
+        rows, columns = np.nonzero(points.valid)
+        on_board = inside(np.stack([columns, rows], axis=1).astype(np.float64), outline(corners, inner))
+        distance = off_plane(points.xyz[rows[on_board], columns[on_board]].astype(np.float64))
+        sd, said = robust_sd(distance), float(np.median(points.sigma_z[rows[on_board], columns[on_board]]))
+        print(f"  plane sd {sd:.3f} mm, sigma_z says {said:.3f} mm, over {on_board.sum()} pixels")
+        assert sd < 1.5
+        assert 0.5 < sd / said < 2
+
+
+def off_plane(points: Floats) -> Floats:
+    """Signed distances from the plane that fits robustly."""
+    keep = np.ones(len(points), dtype=bool)
+    for _ in range(8):
+        centre = points[keep].mean(axis=0)
+        _, vectors = np.linalg.eigh((points[keep] - centre).T @ (points[keep] - centre))
+        distance: Floats = (points - centre) @ vectors[:, 0]
+        keep = np.abs(distance) < 4 * robust_sd(distance)
+    return distance
+
+
+def truth(shared_data: Path) -> tuple[Floats, npt.NDArray[np.bool_]]:
+    """True points per camera pixel (camera frame, mm), and which pixels both devices reach."""
+    known = np.load(shared_data / "rendered" / "t0" / "truth_camera.npz")
+    told = json.loads((shared_data / "rendered" / "rig_truth.json").read_text())["camera"]
+    lens = Lens(tuple(told["size"]), np.array(told["K"]), np.array(told["dist_k1k2p1p2k3"]))
+    rows, columns = known["depth_cam"].shape
+    pixels = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).astype(np.float64)
+    rays = np.concatenate([undistort(lens, pixels), np.ones((rows, columns, 1))], axis=-1)
+    return rays * known["depth_cam"][..., None], known["lit"].astype(bool)
+
+
+def depth_errors(xyz: npt.NDArray[np.float32], points: Floats, keep: npt.NDArray[np.bool_]) -> Floats:
+    """Depth errors in mm after the rigid motion (no mirror) that brings the points onto the truth."""
+    a, b = xyz[keep].astype(np.float64), points[keep]
+    good = np.ones(len(a), dtype=bool)
+    for _ in range(6):
+        ca, cb = a[good].mean(axis=0), b[good].mean(axis=0)
+        U, _, V = np.linalg.svd((a[good] - ca).T @ (b[good] - cb))
+        R = (U @ np.diag([1, 1, np.linalg.det(U @ V)]) @ V).T
+        error: Floats = ((a - ca) @ R.T + cb - b)[:, 2]
+        good = np.abs(error) < 5 * robust_sd(error)
+    return error
+
+
+def test_rendered_surface(shared_data: Path, rendered_rig: Calibration, surface: Decoded) -> None:
+    points, lit = truth(shared_data)
+    print(f"rendered: {dict(rendered_rig.rms_px)}, {[pose.kept for pose in rendered_rig.poses]} of 120 corners")
+    found = triangulate(surface, rendered_rig)
+    keep = lit & found.valid
+    error = depth_errors(found.xyz, points, keep)
+    sd, gross, share = robust_sd(error), (np.abs(error) > 0.1).mean(), keep.sum() / lit.sum()
+    chi = robust_sd(error / found.sigma_z[keep])
+    print(f"  depth sd {1000 * sd:.2f} um over {100 * share:.1f} % of lit pixels, {100 * gross:.4f} % beyond 100 um")
+    print(f"  error over sigma_z: {chi:.2f}")
+    assert share >= 0.9
+    assert sd <= 0.022
+    assert gross <= 0.0005
+    assert 0.7 < chi < 1.5
+
+
+def test_rendered_surface_from_integer_positions_says_so_in_sigma(shared_data: Path, rendered_rig: Calibration) -> None:
+    patterns = read_patterns(shared_data / "rendered" / "patterns.yaml")
+    frames = read_capture(shared_data / "rendered" / "t0", patterns)
+    whole = decode(frames)
+    points, lit = truth(shared_data)
+    found = triangulate(whole, rendered_rig)
+    keep = lit & found.valid
+    error = depth_errors(found.xyz, points, keep)
+    inner = error[np.abs(error) < 0.1]
+    print(f"rendered, integer: robust sd {1000 * robust_sd(error):.1f} um, sd {1000 * inner.std():.1f} um")
+    assert robust_sd(error) <= 0.022
+    assert (np.abs(error) > 0.1).mean() <= 0.0005
+    assert inner.std() == pytest.approx(float(np.median(found.sigma_z[keep])), rel=0.15)
+    fine = refine(frames, whole)
+    moved = np.abs(fine.column - whole.column)
+    assert np.nanmax(moved) <= 0.5 + 1e-4  # nobody leaves his cell
+
+
+def seen_otherwise(decoded: Decoded, how: str) -> Decoded:
+    """The same capture by other optics."""
+    if how == "projector mirrored":
+        return replace(decoded, column=607 - decoded.column)
+    if how == "both turned":
+        decoded = replace(decoded, column=607 - decoded.column, row=683 - decoded.row)
+    return Decoded(*(np.ascontiguousarray(getattr(decoded, field.name)[BACK[how]]) for field in fields(Decoded)))
+
+
+BACK = {"camera mirrored": np.s_[:, ::-1], "both turned": np.s_[::-1, ::-1], "projector mirrored": np.s_[:, :]}
+
+
+@pytest.mark.parametrize(
+    ("how", "told"), [("camera mirrored", "auto"), ("projector mirrored", "projector"), ("both turned", "auto")]
+)
+def test_mirrored_and_turned_optics_give_the_same_surface(
+    shared_data: Path, rendered: list[Decoded], surface: Decoded, how: str, told: Mirrored
+) -> None:
+    points, lit = truth(shared_data)
+    poses = [seen_otherwise(each, how) for each in rendered]
+    rig = calibrate_decoded(poses, (608, 684), RENDERED, mirrored=told)
+    assert (rig.camera.mirrored, rig.projector.mirrored) == (how == "camera mirrored", how == "projector mirrored")
+    found = triangulate(seen_otherwise(surface, how), rig)
+    keep = lit & found.valid[BACK[how]]
+    error = depth_errors(found.xyz[BACK[how]], points, keep)
+    print(f"{how}: stereo rms {rig.rms_px['stereo']:.3f} px, depth sd {1000 * robust_sd(error):.2f} um")
+    assert robust_sd(error) <= 0.004
+    assert (np.abs(error) > 0.1).mean() <= 0.0005
