@@ -87,11 +87,12 @@ def grid_of(attributes: Mapping[str, Any]) -> Grid:
 def split_sizes(grid: Grid) -> tuple[int, int]:
     """Chunks along time in one manifest, for cells and for tables.
 
-    Every commit rewrites the newest manifest of each array and the list of all manifests: the sum is least where a
-    manifest's references weigh about as much as the list after some 10,000 scans.
+    Every commit rewrites the newest manifest of each array and the list of all manifests. Their sum over 10,000 scans
+    is least where a manifest covers about sqrt(2 n e / b) scans: some 180 for one chunk a scan (e = 40 bytes per
+    entry of the list, b = 24 per chunk), some 300 for a table, whose newest chunk lies in its manifest (b = 8).
     """
     chunks = -(-grid.rows // CELL_CHUNK) * -(-grid.columns // CELL_CHUNK)
-    return max(32, 2 ** int(np.log2(256 / np.sqrt(chunks)))), 4
+    return max(32, 2 ** int(np.log2(256 / np.sqrt(chunks)))), 1
 
 
 def lay_out(root: Any, grid: Grid, height_type: str, metrics: Mapping[str, str]) -> None:
