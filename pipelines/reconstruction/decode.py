@@ -17,7 +17,7 @@ from .refine_kernels import reject_loners, unwrap_phase
 
 __all__ = ["decode"]
 
-RUNS, RUN = 16, 128
+RUNS, RUN = 16, 64
 """Noise is estimated from this many runs of this many neighbouring pixels (scattered single ones cost a cache miss)."""
 ROUNDING = 0.29
 """Standard deviation of rounding to whole counts, 1 / sqrt(12)."""

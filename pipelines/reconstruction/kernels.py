@@ -96,38 +96,27 @@ def _spread(swing: U8, jitter: float, spread: F32) -> None:
 
 
 @numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
-def _words(c0: U8, c1: U8, c2: U8, c3: U8, c4: U8, out: U16) -> None:
-    """Words of the codes of all groups."""
-    low = np.uint16(7)
-    for i in range(out.size):
-        coarse = np.uint16(np.uint16(c0[i] & low) * np.uint16(4096)) | np.uint16(
-            np.uint16(c1[i] & low) * np.uint16(512)
-        )
-        fine = np.uint16(np.uint16(c2[i] & low) * np.uint16(64)) | np.uint16(np.uint16(c3[i] & low) * np.uint16(8))
-        out[i] = np.uint16(coarse | fine) | np.uint16(c4[i] & low)
-
-
-@numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
-def _doubts(c0: U8, c1: U8, c2: U8, c3: U8, c4: U8, out: U16) -> None:
-    """Doubts of the codes of all groups."""
-    low = np.uint16(0x70)
-    for i in range(out.size):
-        coarse = np.uint16(np.uint16(c0[i] & low) * np.uint16(256)) | np.uint16(np.uint16(c1[i] & low) * np.uint16(32))
-        fine = np.uint16(np.uint16(c2[i] & low) * np.uint16(4)) | np.uint16(np.uint16(c3[i] & low) >> np.uint16(1))
-        out[i] = np.uint16(coarse | fine) | np.uint16(np.uint16(c4[i] & low) >> np.uint16(4))
-
-
-@numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
-def _number_gray(words: U16, doubts: U16, swing: U8, least: int) -> None:
-    """Gray words to their numbers, in place; `NO_WORD` where unlit or in doubt.
+def _number_gray(
+    c0: U8, c1: U8, c2: U8, c3: U8, c4: U8, swing: U8, least: int, lowest: int, highest: int, numbers: U16
+) -> None:
+    """Codes of all groups to numbers of cells; `NO_WORD` where unlit, outside the axis or in doubt.
 
     At most one bit may be in doubt, and only where flipping it leads to the cell next door: the bits below it
     are then 1 and all 0.
     """
-    lit = swing.dtype.type(least)
+    lit, low, high = swing.dtype.type(least), np.uint16(lowest), np.uint16(highest)
     none, one, two, four, eight = np.uint16(0), np.uint16(1), np.uint16(2), np.uint16(4), np.uint16(8)
-    for i in range(words.size):
-        word, doubt = words[i], doubts[i]
+    is_word, is_doubt = np.uint16(7), np.uint16(0x70)
+    for i in range(numbers.size):
+        g0, g1, g2, g3, g4 = np.uint16(c0[i]), np.uint16(c1[i]), np.uint16(c2[i]), np.uint16(c3[i]), np.uint16(c4[i])
+        word = np.uint16((g0 & is_word) * np.uint16(4096)) | np.uint16((g1 & is_word) * np.uint16(512))
+        word = np.uint16(word | np.uint16((g2 & is_word) * np.uint16(64)))
+        word = np.uint16(word | np.uint16((g3 & is_word) * eight))
+        word = np.uint16(word | np.uint16(g4 & is_word))
+        doubt = np.uint16((g0 & is_doubt) * np.uint16(256)) | np.uint16((g1 & is_doubt) * np.uint16(32))
+        doubt = np.uint16(doubt | np.uint16((g2 & is_doubt) * four))
+        doubt = np.uint16(doubt | np.uint16(np.uint16(g3 & is_doubt) >> one))
+        doubt = np.uint16(doubt | np.uint16(np.uint16(g4 & is_doubt) >> four))
         below = np.uint16(doubt - one)
         # without a doubt `below` is all ones, and the second test would ask for a word of zeros
         rest = np.uint16(np.uint16(word & below) ^ np.uint16(doubt >> one)) if doubt != none else none
@@ -136,18 +125,20 @@ def _number_gray(words: U16, doubts: U16, swing: U8, least: int) -> None:
         number = np.uint16(number ^ np.uint16(number >> two))
         number = np.uint16(number ^ np.uint16(number >> four))
         number = np.uint16(number ^ np.uint16(number >> eight))
-        words[i] = number if (fault == none) & (swing[i] >= lit) else np.uint16(NO_WORD)
+        good = (fault == none) & (swing[i] >= lit) & (number >= low) & (number <= high)
+        numbers[i] = number if good else np.uint16(NO_WORD)
 
 
 @numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
-def _place(numbers: U16, lowest: int, highest: int, scale: float, origin: float, out: F32) -> None:
-    """Numbers of cells to their centres, NaN outside the axis."""
+def _place(numbers: U16, scale: float, origin: float, out: F32, level: U8) -> None:
+    """Numbers of cells to their centres; where there is none NaN, and `level` says so."""
     nan = np.float32(np.nan)
     step, first = np.float32(scale), np.float32(origin)
-    low, high = np.uint16(lowest), np.uint16(highest)
     for i in range(out.size):
         number = numbers[i]
-        out[i] = np.float32(number) * step + first if (number >= low) & (number <= high) else nan
+        out[i] = np.float32(number) * step + first if number != np.uint16(NO_WORD) else nan
+    for i in range(out.size):
+        level[i] = level[i] if numbers[i] != np.uint16(NO_WORD) else np.uint8(NOT_MEASURED)
 
 
 @numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
@@ -250,8 +241,7 @@ def decode_words(
     codes = np.empty((GROUPS, BLOCK), np.uint8)
     spread = np.empty(BLOCK, np.float32)
     spare = np.empty(BLOCK, np.uint8)
-    words = np.empty(BLOCK, np.uint16)
-    doubts = np.empty(BLOCK, np.uint16)
+    numbers = np.empty(BLOCK, np.uint16)
     shift = 8 * (stack.itemsize - 1)
     halves = 1 if minus[0, 0] < 0 and minus[1, 0] < 0 else 0
     for start in range(0, pixels, BLOCK):
@@ -302,14 +292,12 @@ def decode_words(
             wide, origin, lowest, highest = cells[axis]
             if wide > 0:
                 c0, c1, c2, c3, c4 = codes[0, :size], codes[1, :size], codes[2, :size], codes[3, :size], codes[4, :size]
-                number, doubt = words[:size], doubts[:size]
-                _words(c0, c1, c2, c3, c4, number)
-                _doubts(c0, c1, c2, c3, c4, doubt)
-                _number_gray(number, doubt, lit, limits[2])
-                _place(number, lowest, highest, wide, origin, place)
+                number = numbers[:size]
+                _number_gray(c0, c1, c2, c3, c4, lit, limits[2], lowest, highest, number)
+                _place(number, wide, origin, place, level)
                 _uncertainty(place, spread[:size], wide, error)
             else:
                 cell, first, last = table[axis]
                 _place_table(codes[:, :size], lit, limits[2], cell, first, last, spread[:size], place, error)
-            for i in range(size):
-                level[i] = level[i] if place[i] == place[i] else np.uint8(NOT_MEASURED)
+                for i in range(size):
+                    level[i] = level[i] if place[i] == place[i] else np.uint8(NOT_MEASURED)

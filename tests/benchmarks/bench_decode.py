@@ -17,7 +17,7 @@ RUNS = 9
 
 
 @numba.njit(nogil=True)  # type: ignore[untyped-decorator]
-def read_floor(words: npt.NDArray[np.uint64]) -> int:
+def read_floor(words: npt.NDArray[np.uint64]) -> np.uint64:
     """Read every byte once: a sum over 8-byte words, which is what the memory can do."""
     total = np.uint64(0)
     for i in range(words.size):
