@@ -31,6 +31,9 @@ def empty_store(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return fill_store(DryingStore(full.about), tmp_path_factory.mktemp("campaign") / "empty.icechunk")
 
 
+pytestmark = pytest.mark.xdist_group("review")  # they share a store
+
+
 @dataclass
 class Ended:
     """How a call of the command line ended."""
@@ -72,7 +75,7 @@ def test_review_is_saved_and_says_how_to_open_it(store: Path, run: Run, tmp_path
     assert ended.returncode == 0, ended.stderr
     assert (tmp_path / "my review.rrd").stat().st_size > 10_000
     assert "5 scans" in ended.stdout
-    assert "rerun 'my review.rrd'" in ended.stdout
+    assert "rerun 'my review.rrd'\n" in ended.stdout
     assert "recording scans: 5 of 5" in ended.stderr
 
 
