@@ -258,7 +258,8 @@ def resume_slots(
     if once:
         return OnceSlots(now), now - NANOSECOND
     if campaign.schedule.video is not None:
-        return make_slots(campaign, now), now - NANOSECOND
+        anchor = now.astype("datetime64[ms]").astype("datetime64[ns]")
+        return make_slots(campaign, anchor), anchor - NANOSECOND
     rows = [row.planned for row in known]
     anchor = min(rows, default=_whole_second(now))
     slots = make_slots(campaign, anchor)
