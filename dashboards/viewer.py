@@ -81,10 +81,14 @@ def open_viewer(rrd: Path, port: int | None = None) -> None:
     if port is not None:
         _check_free(port)
     command = [str(viewer_program()), str(rrd), "--bind", LOCAL, "--port", "auto" if port is None else str(port)]
-    ended = subprocess.run(command, env=_quiet(), stderr=subprocess.PIPE, text=True, check=False)
-    if ended.returncode not in (0, 130, -2):
+    viewer = subprocess.Popen(command, env=_quiet(), stderr=subprocess.PIPE, text=True)
+    try:
+        said = viewer.communicate()[1]
+    finally:
+        _end(viewer)
+    if viewer.returncode not in (0, 130, -2):
         raise MicroreliefError(
-            f"the Rerun viewer ended with code {ended.returncode} ({_last_line(ended.stderr)}): "
+            f"the Rerun viewer ended with code {viewer.returncode} ({_last_line(said)}): "
             "add --web to open the review in a browser instead"
         )
 
@@ -120,12 +124,19 @@ def serve_web(rrd: Path, port: int = 9090) -> Iterator[tuple[str, subprocess.Pop
         _wait_until_listening(server, port + 1)
         yield f"http://{LOCAL}:{port}/?url=rerun%2Bhttp%3A%2F%2F{LOCAL}%3A{port + 1}%2Fproxy", server
     finally:
-        server.terminate()
-        try:
-            server.wait(timeout=5)
-        except subprocess.TimeoutExpired:
-            server.kill()
-            server.wait()
+        _end(server)
+
+
+def _end(program: subprocess.Popen[str]) -> None:
+    """End a program that still runs: politely, then not."""
+    if program.poll() is not None:
+        return
+    program.terminate()
+    try:
+        program.wait(timeout=5)
+    except subprocess.TimeoutExpired:
+        program.kill()
+        program.wait()
 
 
 def check_ports(port: int) -> None:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import signal
-import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 from typing import Annotated
@@ -57,21 +58,19 @@ def review(
             _record(opened, save)
             size = save.stat().st_size / 1e6
             print(f"wrote {save} ({size:.1f} MB, {len(opened)} scans); open it with: {open_command(save)}")
-            return 0
-        with tempfile.TemporaryDirectory(prefix="microrelief-") as folder:
-            rrd = Path(folder) / "review.rrd"
-            if not web:
-                _record(opened, rrd)
-                open_viewer(rrd, port)
-                return 0
-            page = 9090 if port is None else port
-            check_ports(page)  # before the work of recording
-            _record(opened, rrd)
-            with serve_web(rrd, page) as (link, server):
-                print(f"review at {link} (Ctrl-C ends it)", flush=True)
-                return _wait(server)
+        else:
+            with _ended_by_sigterm(), tempfile.TemporaryDirectory(prefix="microrelief-") as folder:
+                rrd = Path(folder) / "review.rrd"
+                if web:
+                    _show_in_browser(opened, rrd, 9090 if port is None else port)
+                else:
+                    _record(opened, rrd)
+                    open_viewer(rrd, port)
+    except KeyboardInterrupt:
+        print("stopped", file=sys.stderr)
     finally:
         opened.close()
+    return 0
 
 
 def _record(store: Store, file: Path) -> None:
@@ -79,18 +78,24 @@ def _record(store: Store, file: Path) -> None:
         record_review(store, file, progress=step)
 
 
-def _wait(server: subprocess.Popen[str]) -> int:
-    """Wait for Ctrl-C or a stop by the system; both end the server with us."""
-    before = signal.signal(signal.SIGTERM, _interrupt)
-    try:
+def _show_in_browser(store: Store, rrd: Path, port: int) -> None:
+    check_ports(port)  # before the work of recording
+    _record(store, rrd)
+    with serve_web(rrd, port) as (link, server):
+        print(f"review at {link} (Ctrl-C ends it)", flush=True)
         code = server.wait()
-    except KeyboardInterrupt:
-        print("stopped", file=sys.stderr)
-        return 0
-    finally:
-        signal.signal(signal.SIGTERM, before)
     raise MicroreliefError(f"the review server ended by itself with code {code}: start it again")
 
 
-def _interrupt(number: int, frame: FrameType | None) -> None:
-    raise KeyboardInterrupt
+@contextmanager
+def _ended_by_sigterm() -> Iterator[None]:
+    """Let a stop by the system do what Ctrl-C does: the viewer and its file must not outlive us."""
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
