@@ -42,7 +42,7 @@ __all__ = [
 ]
 
 SCHEMA = 1
-TABLE_CHUNK = 256
+TABLE_CHUNK = 128
 CELL_CHUNK = 512
 FOLD = 64
 """Scans per chunk of ``/binned``."""
@@ -87,12 +87,13 @@ def grid_of(attributes: Mapping[str, Any]) -> Grid:
 def split_sizes(grid: Grid) -> tuple[int, int]:
     """Chunks along time in one manifest, for cells and for tables.
 
-    Every commit rewrites the newest manifest of each array and the list of all manifests. Their sum over 10,000 scans
-    is least where a manifest covers about sqrt(2 n e / b) scans: some 180 for one chunk a scan (e = 40 bytes per
-    entry of the list, b = 24 per chunk), some 300 for a table, whose newest chunk lies in its manifest (b = 8).
+    Every commit rewrites the newest manifest of each array and the list of all manifests. Their sum over n scans is
+    least where a manifest covers sqrt(2 n e / b) of them: e = 26 bytes in the list, b = 24 for each chunk and 8 for a
+    table's number; with n = 10,000 some 150 / sqrt(chunks) and 250. At most 64, because chunks that compress well
+    (`level`) lie in the manifest itself.
     """
     chunks = -(-grid.rows // CELL_CHUNK) * -(-grid.columns // CELL_CHUNK)
-    return max(32, 2 ** int(np.log2(256 / np.sqrt(chunks)))), 1
+    return (64 if chunks <= 4 else 32), 256 // TABLE_CHUNK
 
 
 def lay_out(root: Any, grid: Grid, height_type: str, metrics: Mapping[str, str]) -> None:

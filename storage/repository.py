@@ -14,8 +14,8 @@ from .durable import sync_file, sync_file_system
 __all__ = ["create_repository", "newest_whole", "open_repository", "publish", "root_of"]
 
 BRANCH = "main"
-INLINE_BYTES = 2304
-"""A table's newest chunk (256 numbers) lives in the manifest that every commit rewrites anyway: half the files."""
+INLINE_BYTES = 1100
+"""A table's newest chunk (128 numbers) lives in the manifest that every commit rewrites anyway: half the files."""
 
 
 def _quiet() -> None:

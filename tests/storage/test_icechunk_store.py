@@ -80,7 +80,7 @@ def test_plain_zarr_sees_packed_steps_in_chunks_of_one_scan_and_long_tables(tmp_
     for name in ("scans/time", "metrics/net_volume"):
         table = root[name]
         assert isinstance(table, zarr.Array)
-        assert table.chunks[0] >= 256
+        assert table.chunks[0] >= 128
     assert {"microrelief_schema", "campaign", "campaign_hash", "software", "site", "created"} <= set(root.attrs)
 
 
