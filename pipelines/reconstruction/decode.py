@@ -17,7 +17,7 @@ from .refine_kernels import reject_loners, unwrap_phase
 
 __all__ = ["decode"]
 
-RUNS, RUN = 16, 64
+RUNS, RUN = 16, 32
 """Noise is estimated from this many runs of this many neighbouring pixels (scattered single ones cost a cache miss)."""
 ROUNDING = 0.29
 """Standard deviation of rounding to whole counts, 1 / sqrt(12)."""
@@ -78,7 +78,8 @@ def decode(
         plus,
         minus,
         bits,
-        (round(256 * relative), min(ceil(3 * sqrt(2) * sd), top), min(ceil(6 * sqrt(2) * sd), top)),
+        np.array([round(256 * relative)], dtype=np.uint16 if stack.itemsize == 1 else np.uint32),
+        (min(ceil(3 * sqrt(2) * sd), top), min(ceil(6 * sqrt(2) * sd), top)),
         np.array([_gray_cells(book) for book in books], np.float32),
         np.stack([_table(book, 2 ** int(bits.max())) for book in books]),
         sqrt(2) * sd,

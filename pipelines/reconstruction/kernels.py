@@ -64,19 +64,19 @@ def _join(coarse: U8, fine: U8) -> None:
 
 
 @numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
-def _light(w: U8, b: U8, swing: U8, middle: U8, limit: U8, relative: int, floor: int, halves: int) -> None:
+def _light(w: U8, b: U8, swing: U8, middle: U8, limit: U8, relative: U16, floor: int, halves: int) -> None:
     """White minus black (0 where black is brighter), their mean, and the least swing of a certain bit."""
     narrow = swing.dtype.type
-    share = np.uint32(relative)
-    shift = np.uint32(8 + halves)
+    wide = relative.dtype.type  # twice as wide as a pixel, and no wider
+    share = wide(relative[0] >> halves)
     lowest = narrow(floor)
     for i in range(swing.size):
         swing[i] = narrow(max(w[i], b[i]) - b[i])
     if halves:
         for i in range(swing.size):
-            middle[i] = np.uint32(np.uint32(w[i]) + np.uint32(b[i])) >> np.uint32(1)
+            middle[i] = wide(wide(w[i]) + wide(b[i])) >> wide(1)
     for i in range(swing.size):
-        part = narrow(np.uint32(np.uint32(swing[i]) * share) >> shift)
+        part = narrow(wide(wide(swing[i]) * share) >> wide(8))
         limit[i] = max(part, lowest)
 
 
@@ -199,7 +199,8 @@ def decode_words(
     plus: I64,
     minus: I64,
     bits: I64,
-    limits: tuple[int, int, int],
+    relative: U16,
+    limits: tuple[int, int],
     cells: F32,
     table: I32,
     jitter: float,
@@ -221,8 +222,10 @@ def decode_words(
     plus, minus : ndarray, shape (2, bits)
         Frame of each bit and of its inverse (-1: none), coarsest first, for columns and rows.
     bits : ndarray, shape (2,)
-    limits : (int, int, int)
-        Least swing of a certain bit, in 1/256 of white minus black and in counts; least white minus black.
+    relative : ndarray of uint16 or uint32 (twice as wide as the stack), shape (1,)
+        Least swing of a certain bit, in 1/256 of white minus black.
+    limits : (int, int)
+        Least swing of a certain bit, least white minus black, counts.
     cells : ndarray of float32, shape (2, 4)
         Of each axis in Gray code: px per cell, centre of cell number 0, lowest and highest number; 0 px: use `table`.
     table : ndarray of int32, shape (2, 3, words)
@@ -249,7 +252,7 @@ def decode_words(
         size = stop - start
         w, b = stack[white, start:stop], stack[black, start:stop]
         lit, mid, low = swing[:size], middle[:size], limit[:size]
-        _light(w, b, lit, mid, low, limits[0], limits[1] >> halves, halves)
+        _light(w, b, lit, mid, low, relative, limits[0] >> halves, halves)
         _spread(lit, jitter, spread[:size])
         level, texture, contrast = level_map[start:stop], texture_map[start:stop], contrast_map[start:stop]
         for i in range(size):
@@ -293,11 +296,11 @@ def decode_words(
             if wide > 0:
                 c0, c1, c2, c3, c4 = codes[0, :size], codes[1, :size], codes[2, :size], codes[3, :size], codes[4, :size]
                 number = numbers[:size]
-                _number_gray(c0, c1, c2, c3, c4, lit, limits[2], lowest, highest, number)
+                _number_gray(c0, c1, c2, c3, c4, lit, limits[1], lowest, highest, number)
                 _place(number, wide, origin, place, level)
                 _uncertainty(place, spread[:size], wide, error)
             else:
                 cell, first, last = table[axis]
-                _place_table(codes[:, :size], lit, limits[2], cell, first, last, spread[:size], place, error)
+                _place_table(codes[:, :size], lit, limits[1], cell, first, last, spread[:size], place, error)
                 for i in range(size):
                     level[i] = level[i] if place[i] == place[i] else np.uint8(NOT_MEASURED)
