@@ -84,7 +84,7 @@ def undistort(lens: Lens, pixels: Floats, rounds: int = 20) -> Floats:
         det = jxx * jyy - jxy * jxy
         dx, dy = (jyy * ex - jxy * ey) / det, (jxx * ey - jxy * ex) / det
         x, y = x + dx, y + dy
-        if max(np.abs(dx).max(initial=0.0), np.abs(dy).max(initial=0.0)) < 1e-13:
+        if max(np.abs(dx).max(initial=0.0), np.abs(dy).max(initial=0.0)) < 1e-12:
             break
     return np.stack([x, y], axis=-1)
 

@@ -9,6 +9,7 @@ import numba as nb
 import numpy as np
 import numpy.typing as npt
 
+from ..scan import LEVEL_NONE
 from .pinhole import undistort
 from .pixel_maps import Decoded, PointMap
 from .rig_model import Calibration
@@ -65,12 +66,14 @@ def triangulate(decoded: Decoded, calibration: Calibration) -> PointMap:
     xyz = np.empty((rows, columns, 3), np.float32)
     sigma_z = np.empty((rows, columns), np.float32)
     projector = np.empty((rows, columns, 2), np.float32)
+    level = np.empty((rows, columns), np.uint8)
     P = calibration.projector
     _kernel(
         decoded.column.reshape(-1),
         decoded.row.reshape(-1),
         decoded.sigma_column.reshape(-1),
         decoded.sigma_row.reshape(-1),
+        decoded.level.reshape(-1),
         tables.rays.reshape(-1, 2),
         tables.lit,
         calibration.R,
@@ -79,8 +82,9 @@ def triangulate(decoded: Decoded, calibration: Calibration) -> PointMap:
         xyz.reshape(-1, 3),
         sigma_z.reshape(-1),
         projector.reshape(-1, 2),
+        level.reshape(-1),
     )
-    return PointMap(xyz, sigma_z, projector, decoded.level, decoded.texture)
+    return PointMap(xyz, sigma_z, projector, level, decoded.texture)
 
 
 def _tables(calibration: Calibration) -> _Tables:
@@ -122,7 +126,7 @@ def _lookup(table, column, row):  # type: ignore[no-untyped-def]  # a kernel: nu
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _kernel(column, row, sigma_column, sigma_row, rays, lit, R, t, lens, xyz, sigma_z, projector):  # type: ignore[no-untyped-def]  # a kernel
+def _kernel(column, row, sigma_column, sigma_row, level_in, rays, lit, R, t, lens, xyz, sigma_z, projector, level):  # type: ignore[no-untyped-def]  # a kernel
     fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
     k1, k2, p1, p2, k3 = lens[4], lens[5], lens[6], lens[7], lens[8]
     nan = np.float32(np.nan)
@@ -174,6 +178,7 @@ def _kernel(column, row, sigma_column, sigma_row, rays, lit, R, t, lens, xyz, si
             sigma_z[n] = spread
             projector[n, 0] = c if has_c else guess_c
             projector[n, 1] = r if has_r else guess_r
+            level[n] = 0 if level_in[n] == LEVEL_NONE else level_in[n]  # one axis was enough
         else:
             xyz[n, 0] = nan
             xyz[n, 1] = nan
@@ -181,3 +186,4 @@ def _kernel(column, row, sigma_column, sigma_row, rays, lit, R, t, lens, xyz, si
             sigma_z[n] = nan
             projector[n, 0] = nan
             projector[n, 1] = nan
+            level[n] = LEVEL_NONE

@@ -74,8 +74,9 @@ def test_real_board(real: list[Decoded], method: CornerMethod) -> None:
         corners, inner = find_corners(decoded.texture, REAL, "pose")
         rows, columns = np.nonzero(points.valid)
         on_board = inside(np.stack([columns, rows], axis=1).astype(np.float64), outline(corners, inner))
-        distance = off_plane(points.xyz[rows[on_board], columns[on_board]].astype(np.float64))
-        sd, said = robust_sd(distance), float(np.median(points.sigma_z[rows[on_board], columns[on_board]]))
+        rows, columns = rows[on_board][::7], columns[on_board][::7]
+        distance = off_plane(points.xyz[rows, columns].astype(np.float64))
+        sd, said = robust_sd(distance), float(np.median(points.sigma_z[rows, columns]))
         print(f"  plane sd {sd:.3f} mm, sigma_z says {said:.3f} mm, over {on_board.sum()} pixels")
         assert sd < 1.5
         assert 0.5 < sd / said < 2
