@@ -1,6 +1,6 @@
 """What a commit costs, beside the floor: the same arrays, packed alike and compressed by nothing, written and synced.
 
-``python -m tests.benchmarks.bench_store`` prints the table; `tests/storage/test_commit_cost.py` holds its ratios.
+``python -m tests.benchmarks.bench_store`` prints the table; `tests/storage/test_commit_cost.py` holds its bounds.
 """
 
 from __future__ import annotations

@@ -1,10 +1,18 @@
-"""A commit costs as much after many scans as after few."""
+"""A commit costs as much after many scans as after few, and little enough for 1 Hz video."""
 
 from __future__ import annotations
 
+from pathlib import Path
+from statistics import median
+from time import process_time
+
+import numpy as np
 import pytest
 
-from ..benchmarks.bench_store import LATE, SPAN, WARM, append_against_floor, around, commit_costs
+from pipelines import Grid
+from storage import create_store
+
+from ..benchmarks.bench_store import LATE, METRICS, SPAN, WARM, around, commit_costs, make_tick, relief
 
 
 @pytest.mark.soak
@@ -17,6 +25,16 @@ def test_a_commit_costs_the_same_at_scan_300_as_at_scan_10() -> None:
     assert late_s < 2 * early_s, "measured on a machine that may do other things meanwhile"
 
 
-def test_a_commit_leaves_a_1_hz_video_its_time() -> None:
-    append, floor, _, _ = append_against_floor(500, repeats=3)
-    assert append < max(0.5, 10 * floor)
+def test_a_commit_leaves_a_1_hz_video_its_time(tmp_path: Path) -> None:
+    """In processor time of all threads, which other programs on the machine do not change."""
+    grid = Grid(500, 500, 0.02)
+    rng, base = np.random.default_rng(1), relief(grid)
+    store = create_store(tmp_path / "s", site="bench", grid=grid, metrics=METRICS)
+    costs = []
+    for number in range(4):
+        tick = make_tick(grid, number, rng, base)
+        began = process_time()
+        store.append(tick)
+        costs.append(process_time() - began)
+    store.close()
+    assert median(costs[1:]) < 0.5
