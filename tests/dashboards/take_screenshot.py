@@ -10,6 +10,7 @@ import ctypes.util
 import io
 import os
 import socket
+import subprocess
 import tempfile
 import time
 from collections.abc import Iterator
@@ -110,13 +111,31 @@ def looker(rrd: Path) -> Iterator[Looker]:
         before = os.environ.get("XDG_RUNTIME_DIR")
         os.environ["XDG_RUNTIME_DIR"] = before or runtime
         try:
-            with ViewerClient.spawn(
-                headless=True, port=free_port(), hide_welcome_screen=True, executable_path=str(viewer_program())
-            ) as client:
-                yield Looker(client, rrd)
+            port = free_port()
+            # not ViewerClient.spawn, whose viewer listens on every interface
+            viewer = subprocess.Popen(
+                [viewer_program(), "--headless", "--bind", "127.0.0.1", "--port", str(port), "--hide-welcome-screen"],
+                stderr=subprocess.DEVNULL,
+            )
+            try:
+                _wait_for(port, viewer)
+                yield Looker(ViewerClient(f"rerun+http://127.0.0.1:{port}/proxy"), rrd)
+            finally:
+                viewer.terminate()
+                viewer.wait()
         finally:
             if before is None:
                 del os.environ["XDG_RUNTIME_DIR"]
+
+
+def _wait_for(port: int, viewer: subprocess.Popen[bytes], patience_s: float = 60.0) -> None:
+    deadline = time.monotonic() + patience_s
+    while time.monotonic() < deadline and viewer.poll() is None:
+        with socket.socket() as probe:
+            if probe.connect_ex(("127.0.0.1", port)) == 0:
+                return
+        time.sleep(0.1)
+    raise TimeoutError(f"the headless viewer did not start within {patience_s:g} s (exit code {viewer.poll()})")
 
 
 def free_port() -> int:
