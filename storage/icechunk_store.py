@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from configs import StoreError
-from pipelines import Calibration, Event, Grid, Instant, Scan, Tick, format_instant
+from pipelines import Calibration, Event, Grid, Instant, Tick, format_instant, parse_instant
 
 from .binned import rows_of_bins
 from .layout import (
@@ -40,7 +40,7 @@ from .records import (
     rows_of_metrics,
     rows_of_scan,
 )
-from .repository import create_repository, newest_whole, open_repository, publish, root_of
+from .repository import create_repository, newest_whole, open_repository, publish, root_of, short
 from .rows import row, write_rows
 from .series import frame_of
 from .store import About, Stored
@@ -69,7 +69,8 @@ class IcechunkStore:
         self._about, self._height_type, self._tail = self._load()
         self._lost: tuple[Event, ...] = ()
         if lost:
-            when = self._tail.time if self._tail.time is not None else np.datetime64(0, "ns")
+            created = parse_instant(self._root.attrs["created"])
+            when = self._tail.time if self._tail.time is not None else created
             newest = f"scan {self._tail.count - 1}" if self._tail.count else "no scan"
             self._lost = (Event(when, "note", f"store: {lost}, whose newest is {newest}; what came after is lost"),)
             if lock is not None:
@@ -89,6 +90,7 @@ class IcechunkStore:
         height_type: HeightType,
     ) -> IcechunkStore:
         """Make a store at `folder`, which must not exist or be empty, and hold its lock."""
+        import icechunk
         import zarr
 
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
@@ -115,8 +117,8 @@ class IcechunkStore:
             if lock is not None:
                 lock.release()
             shutil.rmtree(making, ignore_errors=True)
-            if isinstance(error, OSError) and not isinstance(error, StoreError):
-                raise StoreError(f"{folder}: cannot be made: {error.strerror}") from error
+            if isinstance(error, (OSError, icechunk.IcechunkError)) and not isinstance(error, StoreError):
+                raise StoreError(f"{folder}: cannot be made: {_reason(error)}") from error
             raise
 
     @staticmethod
@@ -162,18 +164,13 @@ class IcechunkStore:
         if not -count <= number < count:
             raise IndexError(f"{self._folder}: there is no scan {number}: it holds {count}")
         number %= count
-        scans = self._root["scans"]
-        grid = grid_of(self._root.attrs)
-        scan: Scan = read_scan(scans, number, grid)
-        return Stored(
-            number=number,
-            epoch=int(scans["epoch"][number]),
-            baseline=int(scans["baseline"][number]),
-            planned=np.datetime64(int(scans["planned"][number]), "ns"),
-            scan=scan,
-            change=read_change(self._root["change"], number, grid),
-            alarms=json.loads(str(scans["alarms"][number])),
-        )
+        import icechunk
+
+        try:
+            return self._read(number)
+        # a damaged file shows as whatever the codec above it makes of the bytes
+        except (icechunk.IcechunkError, OSError, ValueError, RuntimeError, TypeError) as error:
+            raise StoreError(f"{self._folder}: scan {number} cannot be read: {_reason(error)}") from error
 
     def window(self, first: Instant | None = None, last: Instant | None = None) -> xr.Dataset:
         """Give the scans between two instants, lazily; see `Store.window`."""
@@ -223,6 +220,18 @@ class IcechunkStore:
     def __repr__(self) -> str:
         return f"IcechunkStore({str(self._folder)!r}, {len(self)} scans)"
 
+    def _read(self, number: int) -> Stored:
+        scans, grid = self._root["scans"], grid_of(self._root.attrs)
+        return Stored(
+            number=number,
+            epoch=int(scans["epoch"][number]),
+            baseline=int(scans["baseline"][number]),
+            planned=np.datetime64(int(scans["planned"][number]), "ns"),
+            scan=read_scan(scans, number, grid),
+            change=read_change(self._root["change"], number, grid),
+            alarms=json.loads(str(scans["alarms"][number])),
+        )
+
     def _writing(self) -> None:
         if self._lock is None:
             raise StoreError(f"{self._folder}: is open to read: open it with write=True")
@@ -237,10 +246,7 @@ class IcechunkStore:
         except (icechunk.IcechunkError, OSError) as error:
             if isinstance(error, StoreError):
                 raise
-            reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error).splitlines()[0]
-            if f"os error {errno.ENOSPC}" in str(error) or getattr(error, "errno", None) == errno.ENOSPC:
-                reason = "the disk is full: free some space"
-            raise StoreError(f"{self._folder}: {message} was not stored: {reason.strip()}") from error
+            raise StoreError(f"{self._folder}: {message} was not stored: {_reason(error)}") from error
         self._attach(snapshot)
 
     def _write(self, root: Any, tick: Tick, where: Place) -> None:
@@ -334,3 +340,10 @@ class IcechunkStore:
             calibration_id=str(scans["calibration"][count - 1]),
         )
         return about, height_type, tail
+
+
+def _reason(error: BaseException) -> str:
+    """Say in a line why the disk did not take or give something."""
+    if f"os error {errno.ENOSPC}" in str(error) or getattr(error, "errno", None) == errno.ENOSPC:
+        return "the disk is full: free some space"
+    return getattr(error, "strerror", None) or short(error)

@@ -11,7 +11,7 @@ from configs import StoreError
 
 from .durable import sync_file, sync_file_system
 
-__all__ = ["create_repository", "newest_whole", "open_repository", "publish", "root_of"]
+__all__ = ["create_repository", "newest_whole", "open_repository", "publish", "root_of", "short"]
 
 BRANCH = "main"
 INLINE_BYTES = 1100
@@ -67,7 +67,7 @@ def open_repository(folder: Path) -> Any:
     except icechunk.IcechunkError as error:
         if _mend_reference(folder):
             return icechunk.Repository.open(storage)
-        raise StoreError(f"{folder}: cannot be opened: {_short(error)}") from None
+        raise StoreError(f"{folder}: cannot be opened: {short(error)}") from None
 
 
 def root_of(session: Any, mode: Literal["r", "r+"] = "r") -> Any:
@@ -139,7 +139,7 @@ def _fault(repository: Any, snapshot: str, probe: Callable[[Any], None]) -> str:
         raise
     # a damaged file shows as whatever the codec above it makes of the bytes
     except (icechunk.IcechunkError, OSError, ValueError, RuntimeError, KeyError, IndexError, TypeError) as error:
-        return _short(error)
+        return short(error)
     return ""
 
 
@@ -160,7 +160,7 @@ def _mend_reference(folder: Path) -> bool:
     return True
 
 
-def _short(error: Exception) -> str:
+def short(error: BaseException) -> str:
     """Give the first line of an Icechunk or Zarr error."""
     lines = [line.strip(" |x-`>") for line in str(error).splitlines()]
     line = next((line for line in lines if line), type(error).__name__)

@@ -81,6 +81,23 @@ def test_opens_at_the_newest_whole_snapshot_and_says_what_was_lost(tmp_path: Pat
     assert len([event for event in again.events if "cannot be read" in event.text]) == 1
 
 
+def test_a_damaged_old_scan_is_one_clear_line(tmp_path: Path) -> None:
+    grid = Grid(80, 80, 0.05)
+    store = create_store(tmp_path / "s", site="x", grid=grid)
+    for number in range(2):
+        store.append(replace(tick(number, baseline=None), scan=surface(number, grid)))
+        if number == 0:
+            old = list((tmp_path / "s" / "chunks").iterdir())
+    store.close()
+    for chunk in old:
+        chunk.write_bytes(b"")
+    reader = open_store(tmp_path / "s")
+    assert reader[1].scan.time == surface(1).time
+    with pytest.raises(StoreError, match="scan 0 cannot be read") as caught:
+        reader[0]
+    assert "\n" not in str(caught.value)
+
+
 @pytest.mark.parametrize("torn", [b"", b"\0" * 35])
 def test_a_torn_reference_is_mended(tmp_path: Path, torn: bytes) -> None:
     _store(tmp_path / "s", 2)
