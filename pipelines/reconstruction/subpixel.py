@@ -16,7 +16,7 @@ from .pixel_maps import Decoded
 
 __all__ = ["locate", "refine"]
 
-REACH = 48  # camera px: an edge further away tells nothing about this pixel
+REACH = 96  # camera px: between edges further apart nothing is known to be linear
 # What the frames' noise does not explain, projector px: flicker of the light leaves FLAT_PX, and a straight line
 # through an edge that is not straight BENT_PX times the square of projector px per camera px (cells that the camera
 # hardly resolves). Read off a rendered capture with known answers.
@@ -105,65 +105,73 @@ def _runs_down(place: npt.NDArray[np.float32]) -> bool:
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
+def _edge(stack, white, black, plus, minus, bits, flips, a, b, c, d):  # type: ignore[no-untyped-def]  # numba infers
+    """Where between pixel (a, b), 0, and its neighbour (c, d), 1, the bits in `flips` cross zero; -1 if none does."""
+    total, inverse, count = 0.0, 0.0, 0
+    for bit in range(bits):
+        if (flips >> (bits - 1 - bit)) & 1:
+            p = float(stack[plus[bit], a, b])
+            q = float(stack[plus[bit], c, d])
+            if minus[bit] >= 0:
+                p -= float(stack[minus[bit], a, b])
+                q -= float(stack[minus[bit], c, d])
+            else:
+                p = 2 * p - float(stack[white, a, b]) - float(stack[black, a, b])
+                q = 2 * q - float(stack[white, c, d]) - float(stack[black, c, d])
+            if (p > 0) != (q > 0):
+                total += p / (p - q)
+                inverse += 1 / abs(p - q)
+                count += 1
+    if count == 0:
+        return -1.0, 0.0
+    return total / count, inverse / count
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def _between_edges(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     stack, white, black, plus, minus, bits, word, edge, cell, down, noise, place, sigma, fine, spread
 ):
+    """Run along each line, remember the edge behind, and fill a run of one cell when its far edge is met.
+
+    Lines are the image's rows, or its columns if `down`; both are visited row by row, as memory lies.
+    """
     H, W = cell.shape
-    di, dj = (1, 0) if down else (0, 1)
-    at = np.empty(2, np.float64)
-    value = np.empty(2, np.float64)
-    error = np.empty(2, np.float64)
+    lines = W if down else H
+    start = np.zeros(lines, np.int32)  # first pixel of the run that each line is in
+    known = np.zeros(lines, np.bool_)  # whether the edge behind it is
+    behind, value_behind, error_behind = np.zeros(lines), np.zeros(lines), np.zeros(lines)
     for i in range(H):
         for j in range(W):
             fine[i, j] = place[i, j]
             spread[i, j] = sigma[i, j]
-            k = cell[i, j]
-            if k < 0:
+            line, at = (j, i) if down else (i, j)
+            if at == 0:
                 continue
-            found = 0
-            for side in range(2):
-                step = 2 * side - 1
-                a, b = i, j
-                n = 0
-                while n < REACH:
-                    c, d = a + step * di, b + step * dj
-                    if c < 0 or d < 0 or c >= H or d >= W or cell[c, d] != k:
-                        break
-                    a, b = c, d
-                    n += 1
-                c, d = a + step * di, b + step * dj
-                if n == REACH or c < 0 or d < 0 or c >= H or d >= W or cell[c, d] < 0:
-                    break
-                jump = cell[c, d] - k
-                if jump < -2 or jump > 2:
-                    break
-                beside = k + 1 if jump > 0 else k - 1
-                flips = word[k] ^ word[beside]
-                total, inverse, count = 0.0, 0.0, 0
-                for bit in range(bits):
-                    if (flips >> (bits - 1 - bit)) & 1:
-                        p = float(stack[plus[bit], a, b])
-                        q = float(stack[plus[bit], c, d])
-                        if minus[bit] >= 0:
-                            p -= float(stack[minus[bit], a, b])
-                            q -= float(stack[minus[bit], c, d])
-                        else:
-                            p = 2 * p - float(stack[white, a, b]) - float(stack[black, a, b])
-                            q = 2 * q - float(stack[white, c, d]) - float(stack[black, c, d])
-                        if (p > 0) != (q > 0):
-                            total += p / (p - q)
-                            inverse += 1 / abs(p - q)
-                            count += 1
-                if count == 0:
-                    break
-                at[side] = step * (n + total / count)
-                error[side] = noise * inverse / count
-                value[side] = edge[max(k, beside)]
-                found += 1
-            if found == 2 and value[0] != value[1]:
-                length = at[1] - at[0]
-                share = -at[0] / length
-                slope = (value[1] - value[0]) / length
-                fine[i, j] = value[0] + share * (value[1] - value[0])
-                e0, e1 = (1 - share) * error[0] * slope, share * error[1] * slope
-                spread[i, j] = np.sqrt(e0 * e0 + e1 * e1 + FLAT_PX * FLAT_PX + (BENT_PX * slope * slope) ** 2)
+            a, b = (i - 1, j) if down else (i, j - 1)
+            k, n = cell[a, b], cell[i, j]
+            if k == n:
+                continue
+            jump = n - k
+            if k < 0 or n < 0 or jump < -2 or jump > 2:
+                start[line], known[line] = at, False
+                continue
+            step = 1 if jump > 0 else -1
+            position, inverse = _edge(stack, white, black, plus, minus, bits, word[k] ^ word[k + step], a, b, i, j)
+            if known[line] and position >= 0 and at - start[line] <= REACH:
+                value = edge[max(k, k + step)]
+                if value != value_behind[line]:
+                    length = at - 1 + position - behind[line]
+                    slope = (value - value_behind[line]) / length
+                    bent = BENT_PX * slope * slope
+                    for m in range(start[line], at):
+                        share = (m - behind[line]) / length
+                        e0 = (1 - share) * error_behind[line] * slope
+                        e1 = share * noise * inverse * slope
+                        r, c = (m, j) if down else (i, m)
+                        fine[r, c] = value_behind[line] + share * (value - value_behind[line])
+                        spread[r, c] = np.sqrt(e0 * e0 + e1 * e1 + FLAT_PX * FLAT_PX + bent * bent)
+            if jump != step:  # the camera skips a cell: the edge behind the next run is another one
+                position, inverse = _edge(stack, white, black, plus, minus, bits, word[n] ^ word[n - step], a, b, i, j)
+            start[line], known[line] = at, position >= 0
+            behind[line], error_behind[line] = at - 1 + position, noise * inverse
+            value_behind[line] = edge[max(n, n - step)]
