@@ -12,7 +12,7 @@ import numpy.typing as npt
 from configs import Campaign, InputError, read_campaign
 from pipelines import Calibration, Instant, parse_instant
 from pipelines.change import polygon_mask
-from pipelines.scenes import Soil
+from pipelines.scenes import Ground, Soil
 from storage import Store, open_store
 
 from .campaign import run_campaign
@@ -20,6 +20,7 @@ from .check import load_checked
 from .clock import AcceleratedClock
 from .loop import Outcome, Settled
 from .rigs.optics_model import Device, paper_optics
+from .rigs.simulated import sample_motion
 
 __all__ = ["CAMPAIGN_FILE", "Judged", "JudgedScan", "judge_store", "prepare", "run_demo"]
 
@@ -164,11 +165,15 @@ def judge_store(store: Store, file: Path) -> list[JudgedScan]:
     if campaign.region_mm is not None:
         region = polygon_mask((campaign.region_mm,), grid)
         inset = soil.side_mm / 2 - max(abs(side) for corner in campaign.region_mm for side in corner)
-    ground = soil.at(*(to_scene[axis, 0] * x + to_scene[axis, 1] * y + to_scene[axis, 2] for axis in (0, 1)))
+    world = [to_scene[axis, 0] * x + to_scene[axis, 1] * y + to_scene[axis, 2] for axis in (0, 1)]
+    drift = {name: options[name] for name in ("seed", "drift_mm") if name in options}
 
     def age(moment: Instant) -> float:
         return float((moment - started) / HOUR) * pace
 
+    ground: tuple[int, Ground] | None = (
+        None  # the soil under the grid's cells, as it lay at the baseline of that number
+    )
     series = store.series()
     judged = []
     for number in range(len(store)):
@@ -177,8 +182,12 @@ def judge_store(store: Store, file: Path) -> list[JudgedScan]:
             continue
         before, after = age(stored.change.baseline_time), age(stored.scan.time)
         truth = soil.truth(before, after, pitch_mm=0.02, inset_mm=max(0.0, inset))
+        if ground is None or ground[0] != stored.baseline:
+            lay = sample_motion(stored.change.baseline_time, **drift)
+            beside = [place - lay[axis, 3] for axis, place in enumerate(world)]
+            ground = stored.baseline, soil.at(*(lay[0, axis] * beside[0] + lay[1, axis] * beside[1] for axis in (0, 1)))
         seen = np.isfinite(stored.change.dz) & region
-        true_dz = (ground.height(after) - ground.height(before))[seen]
+        true_dz = (ground[1].height(after) - ground[1].height(before))[seen]
         truths = {
             "net_volume": float(true_dz.sum()) * grid.cell_mm2,
             "crack_opening": truth.crack_opening_mm,

@@ -16,12 +16,13 @@ from .exposure import Light, Profiles, expose, profiles
 from .optics_model import Optics, paper_optics, small_motion
 from .ray_march import look
 
-__all__ = ["SimulatedRig"]
+__all__ = ["SimulatedRig", "sample_motion"]
 
 FULL_LIGHT_MS = 4.0
 """Exposure at which a white surface that faces the projector just saturates 8 bits."""
 
 HALF_FIELD_MM = 6.2
+DRIFT_MM = 0.004
 HOURS = np.timedelta64(3600 * 10**9, "ns")
 FAULTS = ("dropped", "unplugged")
 
@@ -75,7 +76,7 @@ class SimulatedRig:
         exposure_ms: float = 6.5,
         flicker: float = 0.008,
         room_light: float = 9.0,
-        drift_mm: float = 0.004,
+        drift_mm: float = DRIFT_MM,
         seed: int = 1,
         faults: Mapping[int, str] | None = None,
     ) -> None:
@@ -131,13 +132,8 @@ class SimulatedRig:
         if self._started is None:
             self._started = at
         elapsed_h = float((at - self._started) / HOURS) * self._pace
-        nanoseconds = int(at.astype(np.int64))
-        chance = np.random.default_rng([self._seed, nanoseconds % 2**63])
-        drift = self._drift_mm
-        lies = small_motion(
-            tuple(chance.normal(0, 0.5 * np.rad2deg(drift / 10), 3)),
-            (*chance.normal(0, drift, 2), chance.normal(0, drift / 2)),
-        )
+        chance = _chance(self._seed, at)
+        lies = _lying(chance, self._drift_mm)
         return Frames(self._frames(patterns, elapsed_h, lies, chance), at, patterns, self._exposure_ms)
 
     def capture_posed(
@@ -150,7 +146,7 @@ class SimulatedRig:
         """Capture as `capture` does, of a scene that somebody tilted and shifted: how a board is shown in poses."""
         if self._stage is None:
             raise CaptureError("simulated rig: not open; call open() before capture_posed()")
-        chance = np.random.default_rng([self._seed, int(at.astype(np.int64)) % 2**63])
+        chance = _chance(self._seed, at)
         lies = small_motion(tilt_deg, shift_mm)
         return Frames(self._frames(patterns, 0.0, lies, chance), at, patterns, self._exposure_ms)
 
@@ -193,6 +189,21 @@ class SimulatedRig:
             raise CaptureError("simulated rig: a frame was dropped; the capture is not whole")
         if fault == "unplugged":
             raise DeviceUnavailable("simulated rig: the camera does not answer; is it plugged in?")
+
+
+def sample_motion(at: Instant, *, seed: int = 1, drift_mm: float = DRIFT_MM) -> npt.NDArray[np.float64]:
+    """How the sample lies at a visit, 3x4: x_world = motion x_scene. To judge results; no frame tells it."""
+    return _lying(_chance(seed, at), drift_mm)
+
+
+def _chance(seed: int, at: Instant) -> np.random.Generator:
+    return np.random.default_rng([seed, int(at.astype(np.int64)) % 2**63])
+
+
+def _lying(chance: np.random.Generator, drift_mm: float) -> npt.NDArray[np.float64]:
+    tilt = chance.normal(0, 0.5 * np.rad2deg(drift_mm / 10), 3)
+    x, y = chance.normal(0, drift_mm, 2)
+    return small_motion((tilt[0], tilt[1], tilt[2]), (x, y, chance.normal(0, drift_mm / 2)))
 
 
 class _Stage:
