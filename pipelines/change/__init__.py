@@ -4,6 +4,7 @@ from .compare import compare
 from .crack_widths import CrackOpenings, crack_openings
 from .cracks import CrackRule, crack_mask
 from .curl import edge_lift
+from .deposits import Deposit, find_deposits
 from .difference import difference
 from .metrics import METRICS, measure
 from .motion import Motion, Verdict
@@ -19,6 +20,7 @@ __all__ = [
     "Comparison",
     "CrackOpenings",
     "CrackRule",
+    "Deposit",
     "Measurement",
     "Metric",
     "Motion",
@@ -30,6 +32,7 @@ __all__ = [
     "crack_openings",
     "difference",
     "edge_lift",
+    "find_deposits",
     "measure",
     "polygon_mask",
     "register",

@@ -30,7 +30,10 @@ class CrackLines:
     half_width : ndarray of float64, shape (n,)
         Distance to the edge of the mask.
     inner : ndarray of bool, shape (n,)
-        Further from the nearest junction or free end than half the width there: a width has a meaning.
+        Further from the nearest junction or free end than 1.5 times half the width there: a width across the
+        line has a meaning.
+    off_junction : ndarray of bool, shape (n,)
+        The same for junctions alone.
     free_ends : int
         Ends inside the field, whose place is uncertain by about half a width.
     end_width : float
@@ -43,6 +46,7 @@ class CrackLines:
     step: npt.NDArray[np.float64]
     half_width: npt.NDArray[np.float64]
     inner: npt.NDArray[np.bool_]
+    off_junction: npt.NDArray[np.bool_]
     free_ends: int
     end_width: float
 
@@ -138,7 +142,7 @@ def _is_spur(segment: list[Cell], cells: set[Cell], distance: npt.NDArray[np.flo
 def _smoothed(
     segments: list[list[Cell]], cells: set[Cell], distance: npt.NDArray[np.float64], shape: tuple[int, ...]
 ) -> CrackLines:
-    rows, columns, normals, steps, halves, inner = [], [], [], [], [], []
+    rows, columns, normals, steps, halves, inner, off_junction = [], [], [], [], [], [], []
     free: list[float] = []
     for segment in segments:
         path = np.array(segment, dtype=np.float64)
@@ -166,15 +170,36 @@ def _smoothed(
         normals.append(np.stack([-tangent[:, 0], tangent[:, 1]], axis=1) / size[:, None])
         steps.append(0.5 * (np.append(between, 0.0) + np.insert(between, 0, 0.0)))
         halves.append(half)
-        far = np.ones(len(path), dtype=np.bool_)
+        far, off = np.ones((2, len(path)), dtype=np.bool_)
         for is_end, cell, gone in ((ends[0], segment[0], along), (ends[1], segment[-1], along[-1] - along)):
             if is_end and not _at_border(cell, shape):
-                far &= gone > 1.5 * distance[cell] + 1
+                near = gone <= 1.5 * distance[cell] + 1
+                far &= ~near
+                if len(_around(cell, cells)) > 2:
+                    off &= ~near
         inner.append(far)
+        off_junction.append(off)
     if not rows:
         empty = np.zeros(0)
-        return CrackLines(empty, empty, np.zeros((0, 2)), empty, empty, np.zeros(0, dtype=np.bool_), 0, 0.0)
+        return CrackLines(
+            empty,
+            empty,
+            np.zeros((0, 2)),
+            empty,
+            empty,
+            np.zeros(0, dtype=np.bool_),
+            np.zeros(0, dtype=np.bool_),
+            0,
+            0.0,
+        )
     return CrackLines(
-        *(np.concatenate(rows), np.concatenate(columns), np.concatenate(normals), np.concatenate(steps)),
-        *(np.concatenate(halves), np.concatenate(inner), len(free), float(np.mean(free)) if free else 0.0),
+        row=np.concatenate(rows),
+        column=np.concatenate(columns),
+        normal=np.concatenate(normals),
+        step=np.concatenate(steps),
+        half_width=np.concatenate(halves),
+        inner=np.concatenate(inner),
+        off_junction=np.concatenate(off_junction),
+        free_ends=len(free),
+        end_width=float(np.mean(free)) if free else 0.0,
     )

@@ -63,8 +63,8 @@ def crack_openings(
 
     On a profile through each point of the centre line the surface is followed from the middle outward on both
     sides. An edge is the first place where it comes within max(5 % of the depth, 3 sigma) of that side's own rim, the
-    median height 1 to 5 cells beyond the mask; linear between samples half a cell apart, less the ramp that a cell
-    makes of a vertical wall. Where cells are missing
+    median height 1 to 5 cells beyond the mask; linear between samples half a cell apart, drawn in to where the
+    wall's own slope leads and by the ramp that a cell makes of a vertical wall. Where cells are missing
     right up to the rim (an unseen floor, an overhanging lip), the edge is where measurement begins. The two rims
     may stand at different heights: the opening is the horizontal gap that a viewer from above sees.
 
@@ -84,7 +84,8 @@ def crack_openings(
     rule = CrackRule() if rule is None else rule
     mask = crack_mask(scan, rule) if mask is None else mask
     lines = crack_lines(mask)
-    use = lines.inner
+    # a fixed direction crosses the crack up to its very end, where the perpendicular of the skeleton turns away
+    use = lines.inner if across is None else lines.off_junction
     pitch = scan.grid.pitch_mm
     row, column, step = lines.row[use], lines.column[use], lines.step[use] * pitch
     normal = lines.normal[use]
@@ -164,11 +165,35 @@ def _edge(
     rise = np.where(crossing, high - low, np.nan)
     share = np.where(crossing, (level - low) / rise, 0.5)
     edge = distance[before] + share * STEP
-    edge = _without_ramp(edge, z, first, level, 0.5 * (rim + np.where(np.isfinite(floor), floor, rim)), rim, distance)
+    middle = 0.5 * (rim + np.where(np.isfinite(floor), floor, rim))
+    edge = np.minimum(
+        _without_ramp(edge, z, first, level, middle, rim, distance), _along_wall(edge, z, first, level, distance)
+    )
     # a wall of slope m turns sigma_z into sigma_z / m; where measurement just begins, the edge is somewhere in a cell
     sigma = np.where(crossing, np.minimum(sigma_z / np.maximum(rise, 1e-9) * STEP, 1.0), 1 / np.sqrt(12))
     edge[~found] = np.nan
     return edge, np.where(found, sigma, np.nan), crossing
+
+
+def _along_wall(
+    edge: npt.NDArray[np.float64],
+    z: npt.NDArray[np.float64],
+    first: npt.NDArray[np.intp],
+    level: npt.NDArray[np.float64],
+    distance: npt.NDArray[np.float64],
+) -> npt.NDArray[np.float64]:
+    """Draw the edge in to where the wall, carried on from inside as steep as it is there, meets the level.
+
+    The cell in which a wall ends says only that it ends there; the two cells before say how steep it is.
+    """
+    cell = round(1 / STEP)
+    take = np.arange(z.shape[0])
+    inner = np.maximum(first - cell, 0)
+    low, lower = z[take, inner], z[take, np.maximum(first - 2 * cell, 0)]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        carried = distance[inner] + (level - low) / (low - lower)
+    usable = (first >= 2 * cell) & (low > lower) & (low < level) & (carried < edge)
+    return np.where(usable, carried, edge)
 
 
 def _without_ramp(

@@ -36,7 +36,7 @@ class CrackRule:
 
     max_width_mm: float = 1.2
     least_aspect: float = 0.5
-    wall_slope: float = 1.0
+    wall_slope: float = 2.0
     noise: float = 6.0
     least_length_mm: float = 0.8
     least_elongation: float = 5.0
@@ -88,7 +88,9 @@ def crack_mask(scan: Scan, rule: CrackRule | None = None) -> npt.NDArray[np.bool
     sure |= _strips(hidden, asymmetry, sure, rule, pitch)
     core = ndimage.binary_propagation(sure, structure=EIGHT, mask=sure | maybe)
     # up the walls, but not away along a step: a step is thin where a wall that needs more than two cells is not
-    steep = highest(z, 2) - z > max(noise, rule.wall_slope * 2 * pitch)
+    steep = np.zeros(z.shape, dtype=np.bool_)
+    for reach in (1, 2):  # one cell finds the top of a wall, two find it in noise
+        steep |= highest(z, reach) - z > max(noise, rule.wall_slope * reach * pitch)
     thick = ndimage.binary_opening(steep | core, structure=EIGHT) & steep
     near = ndimage.binary_dilation(core, structure=EIGHT, iterations=2) & steep
     reach = max(2, round(rule.max_width_mm / 4 / pitch))

@@ -37,7 +37,7 @@ def mean_opening(scan_height: Floats, sigma: float = 0.003, pitch: float = PITCH
     return float(mean), float(found.lines.step.sum() * pitch)
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(st.floats(0.1, 0.6), st.floats(0.0, np.pi), st.integers(0, 1000))
 def test_width_and_length_of_a_straight_crack(width: float, angle: float, seed: int) -> None:
     noise = np.random.default_rng(seed).normal(0, 0.003, (240, 240))

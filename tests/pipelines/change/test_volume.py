@@ -25,9 +25,9 @@ def correlated(
     random: np.random.Generator, shape: tuple[int, int], cells: float, sigma: float
 ) -> npt.NDArray[np.float64]:
     noise = ndimage.gaussian_filter(random.normal(size=shape), cells, mode="wrap")
-    return noise * (
-        sigma * 2 * np.sqrt(np.pi) * cells
-    )  # a Gaussian of s cells leaves 1 / (2 sqrt(pi) s) of white noise
+    # a Gaussian of s cells leaves 1 / (2 sqrt(pi) s) of white noise
+    scaled: npt.NDArray[np.float64] = noise * (sigma * 2 * np.sqrt(np.pi) * cells)
+    return scaled
 
 
 def test_a_cone_and_a_pit() -> None:
