@@ -66,10 +66,13 @@ def crack_lines(mask: npt.NDArray[np.bool_]) -> CrackLines:
     """
     from skimage.morphology import skeletonize
 
-    # the border is mirrored so that a crack leaves the field straight and not into a corner
-    pad = 8
-    skeleton = skeletonize(np.pad(mask, pad, mode="edge"))[pad:-pad, pad:-pad]
-    distance = ndimage.distance_transform_edt(np.pad(mask, 1, mode="edge"))[1:-1, 1:-1]
+    # the border is carried on by more than half a crack's width, so that a crack leaves the field straight and the fork
+    # into its two corners lies outside
+    pad = 4 + min(int(ndimage.distance_transform_edt(mask).max(initial=0)), max(mask.shape))
+    inner = (slice(pad, -pad), slice(pad, -pad))
+    wide = np.pad(mask, pad, mode="edge")
+    skeleton = skeletonize(wide)[inner]
+    distance = ndimage.distance_transform_edt(wide)[inner]
     cells: set[Cell] = {(int(r), int(c)) for r, c in np.argwhere(skeleton)}
     segments = _segments(cells)
     while True:
