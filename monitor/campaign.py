@@ -130,6 +130,8 @@ def run_campaign(
             on_wait or (lambda slot: None),
             stop or Flag(),
             work=work,
+            told=_provenance(campaign, patterns, store),
+            notes=not now,
             rig_is_open=True,
         )
         return loop.run(max_scans)
@@ -267,6 +269,12 @@ def resume_slots(
         if slots.after(planned - NANOSECOND) == planned:
             return slots, planned
     return slots, min(anchor, now) - NANOSECOND
+
+
+def _provenance(campaign: Campaign, patterns: PatternSet, store: Store) -> str:
+    """Say which settings the scans to come are made with, and whether they are those of the store's beginning."""
+    settings, first = campaign_hash(campaign, patterns), store.about.campaign_hash
+    return f"settings {settings}" + (f", changed since the store was made with {first}" if settings != first else "")
 
 
 def _whole_second(moment: Instant) -> Instant:

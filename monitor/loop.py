@@ -122,6 +122,10 @@ class Loop:
         Set from a signal: the scan under way is finished, and no other begun.
     work : callable
         What makes a tick of a capture.
+    told : str
+        What the note of the beginning says of the campaign.
+    notes : bool
+        Note the beginning and the end in the store; a single scan is neither.
     """
 
     slots: Slots
@@ -136,6 +140,8 @@ class Loop:
     on_wait: Callable[[Instant], None] = lambda slot: None
     stop: Flag = field(default_factory=Flag)
     work: Callable[[Frames, Recipe, Epoch | None, Instant], Yield] = visit
+    told: str = ""
+    notes: bool = True
     rig_is_open: bool = False
     _epoch: Epoch | None = None
     _started: Instant = field(init=False)
@@ -151,7 +157,7 @@ class Loop:
             newest = self.store[-1]
             self._epoch = Epoch(self.store[newest.baseline].scan, newest.alarms)
         self._started = self._busy_until = self.clock.now()
-        self._note(f"{BEGAN}: microrelief {__version__}")
+        self._note(f"{BEGAN}: microrelief {__version__}" + (f", {self.told}" if self.told else ""))
         visits = 0
         while not self.stop.is_set() and (max_scans is None or visits < max_scans):
             slot = self.slots.after(self.last)
@@ -171,6 +177,8 @@ class Loop:
 
     def _note(self, text: str) -> None:
         """Note in the store that monitoring began or ended: without the end, somebody pulled the plug."""
+        if not self.notes:
+            return
         now = self.clock.now()
         self._append(Tick(now, events=(Event(now, "note", text),)))
 

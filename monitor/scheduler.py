@@ -104,7 +104,7 @@ class VideoSlots:
         if moment < self.anchor:
             slot = self.anchor
         else:
-            passed = int((moment - self.anchor) / np.timedelta64(1, "ns"))
+            passed = int((moment - self.anchor).astype("timedelta64[ns]").astype(np.int64))
             count = int(passed * Fraction(self.rate_hz) / 10**9)
             while self._nanoseconds(count) <= passed:
                 count += 1

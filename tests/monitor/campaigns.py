@@ -1,6 +1,6 @@
 """A campaign on stand-ins but with the real store and ledger: to run in a process that a test stops or kills.
 
-python -m tests.monitor.campaigns FOLDER --hours 100 --scan-s 0.02 [--real]
+python -m tests.monitor.campaigns FOLDER --hours 100 --scan-s 0.02 [--real | --simulated]
 """
 
 from __future__ import annotations
@@ -76,6 +76,21 @@ def campaign_in(
     )
 
 
+def simulated_campaign_in(folder: Path, until: str) -> Campaign:
+    """Make a campaign on the simulated rig with a small camera, which calibrates itself."""
+    return Campaign.model_validate(
+        {
+            "site": {"name": "simulated"},
+            "store": {"path": "site.icechunk"},
+            "rig": {"name": "simulated", "options": {"camera": [480, 360], "started": BASE.isoformat()}},
+            "schedule": {"every": "1 h", "start": BASE.isoformat(), "until": until},
+            "calibration": {"simulated": True},
+            "grid": {"pitch_mm": 0.05},
+        },
+        context={"folder": folder},
+    )
+
+
 def tell(settled: Settled) -> None:
     """Say what is durable, as `run` does."""
     slot = int((settled.planned - instant(BASE)) / np.timedelta64(1, "h"))
@@ -90,12 +105,18 @@ def main() -> None:
     parser.add_argument("--hours", type=int, default=100)
     parser.add_argument("--scan-s", type=float, default=0.0)
     parser.add_argument("--real", action="store_true", help="every second by the real clock")
+    parser.add_argument("--simulated", action="store_true", help="the simulated rig, and all that follows it")
     options = parser.parse_args()
+    until = str(instant(BASE) + np.timedelta64(options.hours, "h"))[:19] + "+00:00"
+    if options.simulated:
+        run_campaign(
+            simulated_campaign_in(options.folder, until), clock=AcceleratedClock(instant(BASE)), on_settled=tell
+        )
+        return
     if options.real:
         campaign, clock = campaign_in(options.folder, "1 s", start=None), RealClock()
     else:
-        until = instant(BASE) + np.timedelta64(options.hours, "h")
-        campaign = campaign_in(options.folder, until=str(until)[:19] + "+00:00")
+        campaign = campaign_in(options.folder, until=until)
         clock = AcceleratedClock(instant(BASE))  # type: ignore[assignment]  # either is a Clock
     with graceful_stop() as stop:
         outcome = run_campaign(campaign, clock=clock, rig=Rig(options.scan_s), on_settled=tell, stop=stop, work=work)

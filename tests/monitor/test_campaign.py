@@ -212,7 +212,7 @@ def test_a_second_signal_stops_in_the_middle(start: Start, tmp_path: Path) -> No
 def kill_and_resume(start: Start, folder: Path, kills: int, chance: random.Random) -> None:
     """Kill at random, start again; then everything that was acknowledged is there once, and every slot has an end."""
     acknowledged: set[int] = set()
-    hours = 40 * (kills + 1)
+    hours = 20 * (kills + 1)
     for _ in range(kills):
         process = start(folder, "--hours", str(hours), "--scan-s", "0.005")
         acknowledged.add(int(read_until(process, "committed scan").split()[-1]))
@@ -239,6 +239,25 @@ def kill_and_resume(start: Start, folder: Path, kills: int, chance: random.Rando
 
 def test_kill_9_loses_nothing_and_doubles_nothing(start: Start, tmp_path: Path) -> None:
     kill_and_resume(start, tmp_path, 2, random.Random(1))
+
+
+def test_kill_9_in_a_campaign_of_the_simulated_rig(start: Start, tmp_path: Path) -> None:
+    process = start(tmp_path, "--simulated", "--hours", "4")
+    read_until(process, "committed scan 1")
+    time.sleep(0.1)  # in the middle of the third
+    process.kill()
+    process.communicate()
+    process = start(tmp_path, "--simulated", "--hours", "4")
+    _, err = process.communicate(timeout=300)
+    assert process.returncode == 0, err
+    assert sorted(states(tmp_path)) == [0, 1, 2, 3, 4]
+    stored = planned_hours(tmp_path)
+    assert stored == [hour for hour, state in states(tmp_path).items() if state == "taken"]
+    assert {0, 1} <= set(stored)
+    assert len(stored) >= 4
+    series = open_store(tmp_path / "site.icechunk").series()
+    assert list(series["scan"]) == list(range(len(stored)))
+    assert series["net_volume"].notna().tolist() == [False] + [True] * (len(stored) - 1)
 
 
 @pytest.mark.soak
