@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Event as Flag
 
 import numpy as np
 import numpy.typing as npt
@@ -85,6 +86,7 @@ def run_demo(
     scans: int,
     on_settled: Callable[[Settled], None] | None = None,
     on_stage: Callable[[str], None] | None = None,
+    stop: Flag | None = None,
 ) -> Outcome | None:
     """Run the campaign until its store holds `scans` scans, by the code path of `run` with another clock.
 
@@ -107,6 +109,7 @@ def run_demo(
         on_settled=on_settled,
         on_stage=on_stage,
         max_scans=scans - there,
+        stop=stop,
         text=checked.text,
     )
 

@@ -14,6 +14,7 @@ from ..demo import JudgedScan, count_scans, judge_store, prepare, run_demo
 from ..log import set_up_log
 from ..loop import Settled
 from ..progress import progress
+from ..stopping import graceful_stop
 
 __all__ = ["demo"]
 
@@ -44,7 +45,7 @@ def demo(*, out: Path = Path("demo-out"), scans: int = 14) -> int:
     campaign = load_checked(file).campaign
     began = time.perf_counter()
     there = count_scans(campaign)
-    with progress("scans") as show:
+    with graceful_stop() as stop, progress("scans") as show:
         done = there
 
         def settled(each: Settled) -> None:
@@ -52,7 +53,10 @@ def demo(*, out: Path = Path("demo-out"), scans: int = 14) -> int:
             done += each.number is not None
             show(done, scans)
 
-        outcome = run_demo(file, scans, settled, lambda what: print(what, flush=True))
+        outcome = run_demo(file, scans, settled, lambda what: print(what, flush=True), stop)
+    if stop.is_set():
+        print(f"stopped with {done} of {scans} scans; the same command goes on from there")
+        return 130
     store = open_store(campaign.store.path)
     try:
         if outcome is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from threading import Event as Flag
 
 import numpy as np
 import pytest
@@ -105,6 +106,15 @@ def test_goes_on_to_n_in_all(folder: Path) -> None:
     assert [row.state for row in ledger.rows()] == ["taken"] * 4
     ledger.close()
     assert run_demo(folder / "demo.yaml", 4) is None
+
+
+def test_a_stop_takes_no_further_scan(folder: Path) -> None:
+    stop = Flag()
+    stop.set()
+    outcome = run_demo(folder / "demo.yaml", 9, stop=stop)
+    assert outcome is not None
+    assert outcome.stopped
+    assert outcome.taken == 0
 
 
 def test_shipped_campaign_is_taken_and_never_overwritten(tmp_path: Path) -> None:
