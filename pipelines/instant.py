@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from datetime import UTC, datetime, tzinfo
 from zoneinfo import ZoneInfo
 
@@ -54,7 +55,9 @@ def parse_instant(text: str, zone: tzinfo | str | None = None) -> Instant:
         raise ValueError(f"{text!r} is not a time: write it like 2026-11-22T21:00:00Z") from None
     if moment.tzinfo is None and zone is not None:
         moment = moment.replace(tzinfo=ZoneInfo(zone) if isinstance(zone, str) else zone)
-    return instant(moment)
+    # datetime stops at microseconds: the digits after the sixth are ours to add
+    beyond = re.search(r"[.,]\d{6}(\d{1,3})", text)
+    return instant(moment) + np.timedelta64(int(beyond[1].ljust(3, "0")) if beyond else 0, "ns")
 
 
 def as_datetime(moment: Instant) -> datetime:
