@@ -6,7 +6,6 @@ import math
 
 import numba as nb
 import numpy as np
-import numpy.typing as npt
 
 from ..grid import Grid
 from ..instant import Instant
@@ -89,8 +88,7 @@ def to_scan(
 ) -> Scan:
     """Clean a point map and put it on a grid of the site frame.
 
-    Each cell takes the mean of its points, weighted by their inverse variance and carried to the cell's centre. Where
-    a cell holds two surfaces (the rim and the floor of a crack) the one with more points wins, the upper one in a tie;
+    Each cell takes the mean of its points, weighted by their inverse variance. Where a cell holds two surfaces (the rim and the floor of a crack) the one with more points wins, the upper one in a tie;
     nothing is averaged across. Single empty cells between two measured ones of the same surface are filled; wider
     gaps stay NaN.
 
@@ -224,6 +222,3 @@ def _bridge(height, sigma, texture, level, gap):  # type: ignore[no-untyped-def]
                 sigma[row, column] = spread
                 texture[row, column] = bright // n
                 level[row, column] = worst
-
-
-Mask = npt.NDArray[np.bool_]
