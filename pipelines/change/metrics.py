@@ -72,8 +72,8 @@ def _crack_length(comparison: Comparison) -> Measurement:
         return NOT_MEASURED
     lines = _openings(comparison).lines
     length = float(lines.step.sum()) * pitch
-    # a free end lies within half a width of where the skeleton stops; stairs, spurs and gaps come to some 2.5 %: on soils
-    # of known length the error was 0.2 to 5 %, worst where cracks are hairlines
+    # a free end lies within half a width of where the skeleton stops; stairs, spurs and gaps come to some 2.5 %: on
+    # soils of known length the error was 0.2 to 5 %, worst where cracks are hairlines
     ends = float(np.sqrt(lines.free_ends)) * lines.end_width * pitch
     return Measurement(length, float(np.hypot(np.hypot(ends, 0.025 * length), pitch)))
 
