@@ -88,9 +88,9 @@ def to_scan(
 ) -> Scan:
     """Clean a point map and put it on a grid of the site frame.
 
-    Each cell takes the mean of its points, weighted by their inverse variance. Where a cell holds two surfaces (the rim and the floor of a crack) the one with more points wins, the upper one in a tie;
-    nothing is averaged across. Single empty cells between two measured ones of the same surface are filled; wider
-    gaps stay NaN.
+    Each cell takes the mean of its points, weighted by their inverse variance. Where a cell holds two surfaces (the
+    rim and the floor of a crack) the one with more points wins, the upper one in a tie; nothing is averaged across.
+    Single empty cells between two measured ones of the same surface are filled; wider gaps stay NaN.
 
     Parameters
     ----------
