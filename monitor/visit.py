@@ -100,8 +100,8 @@ def make_scan(frames: Frames, recipe: Recipe) -> Scan:
     return scan
 
 
-WILD = 20.0
-"""A cell this many times less certain than the median one tells nothing: its rays nearly miss each other."""
+WILD = 0.1
+"""A cell less certain than this share of half the field tells nothing: its rays are nearly parallel."""
 
 
 def _without_wild_cells(scan: Scan) -> Scan:
@@ -110,8 +110,7 @@ def _without_wild_cells(scan: Scan) -> Scan:
     if not measured.any():
         return scan
     reach = min(scan.grid.shape) * scan.grid.pitch_mm / 2  # deeper than half the field, nothing is in the focus
-    typical = np.float32(np.median(scan.sigma[measured]))
-    wild = measured & ((scan.sigma > WILD * typical) | (np.abs(scan.height - np.median(scan.height[measured])) > reach))
+    wild = measured & ((scan.sigma > WILD * reach) | (np.abs(scan.height - np.median(scan.height[measured])) > reach))
     if not wild.any():
         return scan
     nothing = np.float32(np.nan)
