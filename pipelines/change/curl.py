@@ -62,7 +62,6 @@ def edge_lift(
     deepest = np.zeros(count + 1, dtype=np.float32)
     np.maximum.at(deepest, plates.ravel(), distance.ravel())
     measured = np.isfinite(dz) & (plates > 0)
-    edge = measured & (distance > EDGE_BAND_MM[0]) & (distance < EDGE_BAND_MM[1])
     interior = measured & (distance > np.maximum(INTERIOR_SHARE * deepest[plates], EDGE_BAND_MM[1]))
     size = np.bincount(plates.ravel(), minlength=count + 1) * pitch_mm**2
     values = np.where(measured, dz, np.float32(0)).astype(np.float64)
@@ -72,6 +71,12 @@ def edge_lift(
         total = np.bincount(inside, weights=values[mask], minlength=count + 1).astype(np.float64)
         return total, np.bincount(inside, minlength=count + 1)
 
+    def band(offset_mm: float) -> npt.NDArray[np.bool_]:
+        low, high = EDGE_BAND_MM[0] + offset_mm, EDGE_BAND_MM[1] + offset_mm
+        within: npt.NDArray[np.bool_] = measured & (distance > low) & (distance < high)
+        return within
+
+    edge = band(0.0)
     edge_sum, edge_count = sums(edge)
     inner_sum, inner_count = sums(interior)
     valid = (size >= LEAST_PLATE_MM2) & (edge_count >= LEAST_CELLS) & (inner_count >= LEAST_CELLS)
@@ -81,10 +86,14 @@ def edge_lift(
     edges, inners = edge_count[valid], inner_count[valid]
     lifts = edge_sum[valid] / edges - inner_sum[valid] / inners
     lift = float(np.average(lifts, weights=edges))
+    # the crack's edge is known to a cell (uniform): what a band one cell further in would give tells what that is worth
+    shifted_sum, shifted_count = sums(band(pitch_mm))
+    shift = shifted_sum[valid] / np.maximum(shifted_count[valid], 1) - edge_sum[valid] / edges
+    placed = float(np.average(shift, weights=edges)) / np.sqrt(3)
     # the spread about each plate's own edge level holds noise and the real differences along the edge
     about = edge_sum / np.maximum(edge_count, 1)
     keep = valid[plates] & edge
     spread = float(MAD_TO_SIGMA * np.median(np.abs(values[keep] - about[plates[keep]])))
     share = edges / edges.sum()
     variance = spread**2 * SHARED_ERROR_CELLS * float((share**2 * (1 / edges + 1 / inners)).sum())
-    return Measurement(lift, float(np.sqrt(variance)))
+    return Measurement(lift, float(np.hypot(np.sqrt(variance), placed)))

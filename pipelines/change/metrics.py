@@ -100,7 +100,8 @@ def _opening_sigma(openings: CrackOpenings, pitch_mm: float) -> float:
 
 
 def _edge_lift(comparison: Comparison) -> Measurement:
-    crack = _crack(comparison) | _baseline_crack(comparison.baseline)
+    # only within the region: the seam of a holder beside it is no crack
+    crack = _crack(comparison) | (_baseline_crack(comparison.baseline) & comparison.region)
     return edge_lift(comparison.change.dz, crack, comparison.region, comparison.scan.grid.pitch_mm)
 
 

@@ -11,13 +11,18 @@ from .difference import Z_95
 from .smoothing import MAD_TO_SIGMA, local_mean, robust_sigma
 from .values import Change, Measurement
 
-__all__ = ["Volumes", "error_covariance", "sum_sigma", "volume_sigma", "volumes"]
+__all__ = ["Volumes", "error_covariance", "sum_sigma", "volume_sigma", "volumes", "wall_sigma"]
 
 LOCAL_CELLS = 5
 """Side of the window whose mean decides between gained and lost: fewer cells are counted for their noise alone."""
 LEAST_STABLE_CELLS = 400
 SHARED_CELLS = 9
 """Neighbouring cells that share an error where it could not be measured: a stripe is 2 to 3 cells wide."""
+WALL_SLOPE = 0.5
+"""Steeper changes from cell to cell are walls: there the place of the wall matters, not the noise of the heights."""
+WALL_CELLS = float(1 / np.sqrt(12))
+"""Standard uncertainty of a wall's place, in cells: uniform within one. All walls err to the same side, because a cell
+that sees both levels takes the upper one."""
 MOST_LAG_MM_SHARE = 0.25
 """Longest lag of the covariance, as a share of the grid's shorter side: beyond it too few pairs are left."""
 
@@ -106,6 +111,22 @@ def sum_sigma(
     return least if covariance is None else max(least, volume_sigma(use, covariance, pitch_mm))
 
 
+def wall_sigma(dz: npt.NDArray[np.float32], use: npt.NDArray[np.bool_], pitch_mm: float) -> float:
+    """Standard uncertainty of a volume, mm3, from where the raster places the walls of what changed.
+
+    A wall of height J and length l that lies d off adds d l J. Summed over neighbouring cells, l J is the sum of the
+    jumps of dz times the pitch; jumps that slope less than 0.5 are no walls.
+    """
+    jumps = np.zeros(dz.shape)
+    for axis in range(2):
+        step = np.abs(np.diff(dz, axis=axis))
+        both = np.take(use, range(1, use.shape[axis]), axis) & np.take(use, range(use.shape[axis] - 1), axis)
+        steep = np.where(both & (step > WALL_SLOPE * pitch_mm), step, 0.0)
+        inner = (slice(1, None), slice(None)) if axis == 0 else (slice(None), slice(1, None))
+        jumps[inner] += steep.astype(np.float64) ** 2
+    return float(WALL_CELLS * pitch_mm**2 * np.sqrt(jumps).sum())
+
+
 def _lags(shape: list[int], reach: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.bool_]]:
     """Distance of each lag of a real FFT's plane, whole cells; and which are within reach."""
     row = np.minimum(np.arange(shape[0]), shape[0] - np.arange(shape[0]))
@@ -158,7 +179,7 @@ def volumes(change: Change, region: npt.NDArray[np.bool_], stable: npt.NDArray[n
         noise = float(MAD_TO_SIGMA * np.nanmedian(np.abs(local_mean(change.dz, LOCAL_CELLS)[stable])))
     shared = change.motion.sigma_z_mm if np.isfinite(change.motion.sigma_z_mm) else 0.0
     area = int(use.sum()) * cell
-    sigma = float(np.hypot(spread, shared * area))
+    sigma = float(np.hypot(np.hypot(spread, wall_sigma(change.dz, use, grid.pitch_mm)), shared * area))
     quiet = float((np.abs(smooth[use]) < 2 * noise).mean())
     # E max(e, 0) = 0.4 sigma for a normal error: what noise adds to both sums where nothing changed
     rectified = float(0.4 * noise * area * quiet)
