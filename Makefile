@@ -5,7 +5,7 @@ BIN := .venv/bin
 OUT ?= demo-out
 WORKERS ?= 2
 
-.PHONY: demo test bench soak setup setup-test system system-test lint clean
+.PHONY: demo test bench soak setup setup-test system-test lint clean
 
 demo: setup  ## the whole job on the simulated rig; results in $(OUT)
 	@$(BIN)/microrelief demo --out $(OUT)
@@ -25,7 +25,7 @@ bench: setup-test  ## performance ratios: ours, the peer, the physical floor
 soak: setup-test  ## long runs: many kills, days of campaign, endurance
 	$(BIN)/pytest -m soak -q -s
 
-setup: .venv/installed system
+setup: .venv/installed
 setup-test: .venv/installed-test system-test
 
 .venv/bin/python:
@@ -35,7 +35,7 @@ setup-test: .venv/installed-test system-test
 	@$(PYTHON) -m venv .venv
 
 .venv/installed: .venv/bin/python pyproject.toml constraints.txt
-	@echo "installing microrelief and what it needs (about 2.5 GB, a few minutes the first time)"
+	@echo "installing microrelief and what it needs (SIZE GB, a few minutes the first time)"
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
 	@touch $@
 
@@ -44,11 +44,8 @@ setup-test: .venv/installed-test system-test
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[test]'
 	@touch $@
 
-system:
-	@sh .ci/system-packages run
-
 system-test:
-	@sh .ci/system-packages test
+	@sh .ci/system-packages
 
 clean:
 	rm -rf .venv demo-out build dist

@@ -27,7 +27,6 @@ LIBRARIES = {
     "numba": "numba",
     "cv2": "opencv-python-headless",
     "sklearn": "scikit-learn",
-    "open3d": "open3d",
     "icechunk": "icechunk",
     "zarr": "zarr",
     "rerun": "rerun-sdk",

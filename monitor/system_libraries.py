@@ -1,4 +1,4 @@
-"""System libraries that Open3D and the Rerun viewer need: which one is missing, and the command that installs it."""
+"""System libraries that compiled packages and the Rerun viewer need: which is missing, and the command that installs it."""
 
 from __future__ import annotations
 
@@ -9,9 +9,7 @@ __all__ = ["PACKAGES", "missing_library"]
 PACKAGES = {
     "libGL.so.1": "libgl1",
     "libEGL.so.1": "libegl1",
-    "libX11.so.6": "libx11-6",
     "libgomp.so.1": "libgomp1",
-    "libusb-1.0.so.0": "libusb-1.0-0",
     "libvulkan.so.1": "libvulkan1",
     "libstdc++.so.6": "libstdc++6",
     "libgthread-2.0.so.0": "libglib2.0-0",
