@@ -5,7 +5,8 @@ from .exporters import write_height_map, write_points, write_series
 from .importers import read_height_map
 from .ledger import Ledger, LedgerAddress, LedgerRow, SlotState, ledger_beside
 from .pattern_file import read_patterns, write_patterns
-from .store import STORES, About, Store, Stored, create_store, open_store
+from .store import About, Store, Stored
+from .stores import STORES, create_store, open_store
 
 __all__ = [
     "STORES",

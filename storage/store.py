@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from configs import InputError, StoreError
-from pipelines import Calibration, Change, Event, Grid, Instant, Scan, Tick, instant
+from pipelines import Calibration, Change, Event, Grid, Instant, Scan, Tick
 from pipelines.trends import AlarmState
-
-from .packing import HeightType, range_mm
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-__all__ = ["STORES", "About", "Store", "Stored", "create_store", "open_store"]
+__all__ = ["About", "Store", "Stored"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,104 +107,3 @@ class Store(Protocol):
     def close(self) -> None:
         """Let go of the writer's lock, if held."""
         ...
-
-
-def _icechunk(path: Path, **facts: Any) -> Store:
-    from .icechunk_store import IcechunkStore
-
-    return IcechunkStore.create(path, **facts)
-
-
-def _memory(path: Path, **facts: Any) -> Store:
-    from .memory_store import MemoryStore
-
-    return MemoryStore(path, **facts)
-
-
-STORES: dict[str, Callable[..., Store]] = {"icechunk": _icechunk, "memory": _memory}
-"""How to make a store of each kind."""
-
-
-def create_store(
-    path: str | Path,
-    *,
-    site: str,
-    grid: Grid,
-    campaign: str = "",
-    campaign_hash: str = "",
-    metrics: Mapping[str, str] | None = None,
-    software: str = "",
-    kind: str = "icechunk",
-    created: Instant | None = None,
-    height_type: HeightType | None = None,
-) -> Store:
-    """Make a store and hold its writer's lock.
-
-    Parameters
-    ----------
-    path : str or Path
-        A folder that does not exist yet or is empty.
-    site : str
-    grid : Grid
-        The grid of every scan of this store.
-    campaign, campaign_hash, software : str
-        Provenance: the campaign file's text, the hash of its settings, what made the store.
-    metrics : mapping of str to str
-        Unit of each metric by name.
-    kind : str
-        A name of `STORES`.
-    created : Instant, optional
-        Now, unless given.
-    height_type : {"int16", "int32"}, optional
-        How heights are packed, in steps of 0.5 um: int16 reaches 16 mm, int32 1 km. Unless given: int16 where the grid
-        is no wider and no longer than that reach, int32 elsewhere.
-
-    Raises
-    ------
-    InputError
-        If there is no such kind.
-    StoreError
-        If there is something at `path`, or it cannot be made.
-    """
-    if kind not in STORES:
-        raise InputError(f"there is no store of kind {kind!r}: choose one of {', '.join(STORES)}")
-    if height_type is None:
-        widest = max(grid.shape) * grid.pitch_mm
-        height_type = "int16" if widest <= 2 * range_mm("int16") else "int32"
-    return STORES[kind](
-        _local(path),
-        site=site,
-        grid=grid,
-        campaign=campaign,
-        campaign_hash=campaign_hash,
-        metrics=dict(metrics or {}),
-        software=software,
-        created=instant(datetime.now(UTC)) if created is None else created,
-        height_type=height_type,
-    )
-
-
-def open_store(path: str | Path, *, write: bool = False, metrics: Mapping[str, str] | None = None) -> Store:
-    """Open a store: to read (any number of readers) or to write (one, which holds the lock).
-
-    Parameters
-    ----------
-    path : str or Path
-    write : bool
-    metrics : mapping of str to str
-        Units of metrics that a writer adds where the store does not have them yet.
-
-    Raises
-    ------
-    StoreError
-        If there is no store at `path`, it was made by a newer microrelief, or another writer holds it.
-    """
-    from .icechunk_store import IcechunkStore
-
-    return IcechunkStore.open(_local(path), write=write, metrics=dict(metrics or {}))
-
-
-def _local(path: str | Path) -> Path:
-    if "://" in str(path):
-        raise StoreError(f"{path}: stores on object storage are not supported yet: give a local folder")
-    return Path(path)
