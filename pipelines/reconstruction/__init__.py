@@ -6,6 +6,7 @@ from .decode import decode
 from .frame_order import suggest_order
 from .frames import Frames
 from .gridding import footprint_grid, to_scan
+from .optics import CHIPS, PAPER_SETUP, Figure, OpticsSetup, conflicts, work_out
 from .patterns import PAPER_STRIPES, FrameRole, PatternSet
 from .pixel_maps import Decoded, PointMap
 from .reconstruct import reconstruct
@@ -14,18 +15,23 @@ from .subpixel import locate, refine
 from .triangulate import triangulate
 
 __all__ = [
+    "CHIPS",
+    "PAPER_SETUP",
     "PAPER_STRIPES",
     "Board",
     "Calibration",
     "Decoded",
+    "Figure",
     "FrameRole",
     "Frames",
     "Lens",
+    "OpticsSetup",
     "PatternSet",
     "PointMap",
     "PoseResidual",
     "calibrate",
     "calibrate_decoded",
+    "conflicts",
     "decode",
     "footprint_grid",
     "locate",
@@ -34,4 +40,5 @@ __all__ = [
     "suggest_order",
     "to_scan",
     "triangulate",
+    "work_out",
 ]

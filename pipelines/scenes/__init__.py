@@ -6,6 +6,7 @@ from .board import Chessboard, Plane
 from .crack_network import CentreLines, CrackNetwork
 from .scene import Ground, Scene, SceneTruth
 from .soil import Soil
+from .star import Star
 
 __all__ = [
     "SCENES",
@@ -17,11 +18,13 @@ __all__ = [
     "Scene",
     "SceneTruth",
     "Soil",
+    "Star",
 ]
 
 SCENES: dict[str, Callable[..., Scene]] = {
     "soil": Soil,
     "board": Chessboard,
     "plane": Plane,
+    "star": Star,
 }
 """Every scene by name; each is made from plain keywords."""
