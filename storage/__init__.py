@@ -4,6 +4,7 @@ from .capture_folder import read_capture, write_capture
 from .exporters import write_height_map, write_points, write_series
 from .importers import read_height_map
 from .ledger import Ledger, LedgerAddress, LedgerRow, SlotState, ledger_beside
+from .lock import writer_of
 from .pattern_file import read_patterns, write_patterns
 from .store import About, Store, Stored
 from .stores import STORES, create_store, open_store
@@ -28,4 +29,5 @@ __all__ = [
     "write_patterns",
     "write_points",
     "write_series",
+    "writer_of",
 ]

@@ -27,7 +27,7 @@ from .layout import (
     root_attributes,
     split_sizes,
 )
-from .lock import WriterLock
+from .lock import LOCK, WriterLock
 from .order import Place, Tail, place
 from .packing import HeightType
 from .records import (
@@ -50,8 +50,6 @@ if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = ["IcechunkStore"]
-
-LOCK = "writer.lock"
 
 
 class IcechunkStore:

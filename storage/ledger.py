@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import os
 import sqlite3
-from collections.abc import Mapping
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
 from configs import StoreError
-from pipelines import Instant, format_instant
+from pipelines import Event, Instant, Tick, format_instant
 
 from .store import Store
 
-__all__ = ["Ledger", "LedgerAddress", "LedgerRow", "SlotState", "ledger_beside"]
+__all__ = ["INTERRUPTED", "Ledger", "LedgerAddress", "LedgerRow", "SlotState", "ledger_beside"]
+
+INTERRUPTED = "the process ended during this scan"
 
 SlotState = Literal["planned", "taken", "missed", "rejected", "failed"]
 FINAL = tuple(state for state in get_args(SlotState) if state != "planned")
@@ -32,6 +35,11 @@ CREATE TABLE IF NOT EXISTS slots (
 )
 """
 _COLUMNS = "planned, state, cause, scan"
+_SETTLE = """
+INSERT INTO slots (campaign, planned, state, cause, scan) VALUES (?, ?, ?, ?, ?)
+ON CONFLICT (campaign, planned) DO UPDATE SET state = excluded.state, cause = excluded.cause, scan = excluded.scan
+WHERE state = 'planned'
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +110,7 @@ class Ledger:
                 self._data.execute(_TABLE)
             else:
                 self._data.execute("PRAGMA query_only = ON")
-                self._data.execute("SELECT count(*) FROM slots")
+                self._check_tables()
         except sqlite3.Error as error:
             if hasattr(self, "_data"):
                 self._data.close()
@@ -124,27 +132,32 @@ class Ledger:
         """
         if state not in FINAL:
             raise ValueError(f"a slot ends {', '.join(FINAL)}, not {state!r}")
-        key = (self._campaign, _ns(planned))
-        changed = self._change(
-            "INSERT INTO slots (campaign, planned, state, cause, scan) VALUES (?, ?, ?, ?, ?) "
-            "ON CONFLICT (campaign, planned) DO UPDATE SET state = excluded.state, cause = excluded.cause, "
-            "scan = excluded.scan WHERE state = 'planned'",
-            (*key, state, cause, scan),
-        )
-        if changed:
-            return
-        (ended,) = self._data.execute("SELECT state FROM slots WHERE campaign = ? AND planned = ?", key).fetchone()
-        if ended != state:
-            raise StoreError(
-                f"{self._file}: slot {format_instant(planned)} has ended {ended}: it cannot be {state} too"
-            )
+        if not self._change(_SETTLE, (self._campaign, _ns(planned), state, cause, scan)):
+            self._ended_so(planned, state)
+
+    def settle_all(self, planned: Sequence[Instant], state: SlotState, cause: str = "") -> None:
+        """Note that slots ended alike, in one transaction: all of them or none; else as `settle`.
+
+        Raises
+        ------
+        ValueError
+            If `state` is none of the four ends.
+        StoreError
+            If one of the slots has ended in another state; then none is changed.
+        """
+        if state not in FINAL:
+            raise ValueError(f"a slot ends {', '.join(FINAL)}, not {state!r}")
+        with self._transaction():
+            for slot in planned:
+                if not self._change(_SETTLE, (self._campaign, _ns(slot), state, cause, None)):
+                    self._ended_so(slot, state)
 
     def rows(self, first: Instant | None = None, last: Instant | None = None) -> tuple[LedgerRow, ...]:
         """Give the slots between two instants (both included), oldest first."""
         bounds = np.iinfo(np.int64)
         low = bounds.min if first is None else _ns(first)
         high = bounds.max if last is None else _ns(last)
-        found = self._data.execute(
+        found = self._found(
             f"SELECT {_COLUMNS} FROM slots WHERE campaign = ? AND planned BETWEEN ? AND ? ORDER BY planned",  # noqa: S608 - a constant
             (self._campaign, int(low), int(high)),
         )
@@ -152,42 +165,49 @@ class Ledger:
 
     def counts(self) -> dict[str, int]:
         """Count the slots by state; a state that none is in counts 0."""
-        found = self._data.execute(
-            "SELECT state, count(*) FROM slots WHERE campaign = ? GROUP BY state", (self._campaign,)
-        )
+        found = self._found("SELECT state, count(*) FROM slots WHERE campaign = ? GROUP BY state", (self._campaign,))
         return dict.fromkeys(get_args(SlotState), 0) | dict(found)
 
     def last(self) -> LedgerRow | None:
         """Give the newest slot."""
-        found = self._data.execute(
+        found = self._found(
             f"SELECT {_COLUMNS} FROM slots WHERE campaign = ? ORDER BY planned DESC LIMIT 1",  # noqa: S608 - a constant
             (self._campaign,),
-        ).fetchone()
-        return None if found is None else _row(*found)
+        )
+        return _row(*found[0]) if found else None
 
-    def reconcile(self, store: Store) -> tuple[Instant, ...]:
-        """Settle as taken the open slots whose scan is in the store: a kill came between the commit and the row.
+    def reconcile(self, store: Store) -> tuple[LedgerRow, ...]:
+        """Settle what a killed process left open, each as the store tells that it ended; a writer does this first.
+
+        A slot whose scan is in the store was taken, or rejected where its tick says so; one without a scan failed or
+        was rejected where a tick says that; any other was missed, and the store is told.
+
+        Parameters
+        ----------
+        store : Store
+            Open to write.
 
         Returns
         -------
-        tuple of Instant
-            The slots that stay open: nothing of them was committed.
+        tuple of LedgerRow
+            The slots that were open, as they are settled now.
         """
         pending = [row.planned for row in self.rows() if row.state == "planned"]
         if not pending:
             return ()
         window = store.window()
-        committed: Mapping[int, int] = dict(
-            zip(window["planned"].values.astype(np.int64).tolist(), window["scan"].values.tolist(), strict=True)
-        )
-        left = []
-        for planned in pending:
-            number = committed.get(_ns(planned))
-            if number is None:
-                left.append(planned)
-            else:
-                self.settle(planned, "taken", scan=number)
-        return tuple(left)
+        moments = zip(window["planned"].values, window["scan"].values, window["time"].values, strict=True)
+        scans = {_ns(planned): (int(number), _ns(time)) for planned, number, time in moments}
+        ends = [event for event in store.events if event.kind in ("failed", "rejected")]
+        settled = []
+        for planned, following in zip(pending, (*pending[1:], None), strict=True):
+            row = _as_stored(planned, following, scans.get(_ns(planned)), ends)
+            if row.state == "missed":
+                text = f"missed {format_instant(planned)}: {row.cause}"
+                store.append(Tick(planned, events=(Event(planned, "missed", text),)))
+            self.settle(planned, row.state, row.cause, row.scan)
+            settled.append(row)
+        return tuple(settled)
 
     def close(self) -> None:
         """Close the file; a second call does nothing."""
@@ -197,7 +217,63 @@ class Ledger:
         try:
             return self._data.execute(statement, values).rowcount
         except sqlite3.Error as error:
-            raise StoreError(f"{self._file}: the ledger was not written: {error}") from None
+            raise self._unwritten(error) from None
+
+    @contextmanager
+    def _transaction(self) -> Iterator[None]:
+        self._change("BEGIN IMMEDIATE", ())
+        try:
+            yield
+            self._change("COMMIT", ())
+        except BaseException:
+            if self._data.in_transaction:
+                self._data.execute("ROLLBACK")
+            raise
+
+    def _unwritten(self, error: sqlite3.Error) -> StoreError:
+        return StoreError(f"{self._file}: the ledger was not written: {error}")
+
+    def _ended_so(self, planned: Instant, state: SlotState) -> None:
+        """Refuse a second end that is another one."""
+        ((ended,),) = self._found(
+            "SELECT state FROM slots WHERE campaign = ? AND planned = ?", (self._campaign, _ns(planned))
+        )
+        if ended != state:
+            raise StoreError(
+                f"{self._file}: slot {format_instant(planned)} has ended {ended}: it cannot be {state} too"
+            )
+
+    def _found(self, query: str, values: tuple[object, ...]) -> list[Any]:
+        """Ask; a ledger whose writer has made the file and not yet the table is empty."""
+        try:
+            return self._data.execute(query, values).fetchall()
+        except sqlite3.Error as error:
+            if "no such table" in str(error):
+                return []
+            raise StoreError(f"{self._file}: the ledger cannot be read: {error}") from None
+
+    def _check_tables(self) -> None:
+        """Refuse another program's database; one without any table is a ledger that is being made."""
+        names = [name for (name,) in self._data.execute("SELECT name FROM sqlite_master WHERE type = 'table'")]
+        if names and "slots" not in names:
+            raise sqlite3.DatabaseError(f"it has a table {names[0]}, and no slots")
+
+
+def _as_stored(
+    planned: Instant, following: Instant | None, scan: tuple[int, int] | None, ends: Sequence[Event]
+) -> LedgerRow:
+    """Say how a slot ended by what its tick left in the store: its scan (number; time, ns) and why it is not taken.
+
+    Visits are one at a time, so what ended since `planned`, and before the next open slot, ended this one.
+    """
+    if scan is not None:
+        number, time = scan
+        why = [event for event in ends if event.kind == "rejected" and _ns(event.time) == time]
+        return LedgerRow(planned, "rejected", why[0].text, number) if why else LedgerRow(planned, "taken", "", number)
+    since = [event for event in ends if event.time >= planned and (following is None or event.time < following)]
+    if since:
+        return LedgerRow(planned, "rejected" if since[0].kind == "rejected" else "failed", since[0].text)
+    return LedgerRow(planned, "missed", INTERRUPTED)
 
 
 def _ns(moment: Instant) -> int:

@@ -5,13 +5,39 @@ from __future__ import annotations
 import fcntl
 import os
 import socket
+import time
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 
 from configs import StoreError
 
-__all__ = ["WriterLock"]
+__all__ = ["LOCK", "WriterLock", "writer_of"]
+
+LOCK = "writer.lock"
+NO_NAME = "a writer that gave no name"
+TRIES, PAUSE_S = 3, 0.05
+
+
+def writer_of(path: str | Path) -> str | None:
+    """Say which process writes a store: pid, host and since when; None where nobody does, or where there is no store.
+
+    Parameters
+    ----------
+    path : str or Path
+        The store's folder.
+    """
+    try:
+        descriptor = os.open(Path(path) / LOCK, os.O_RDONLY | os.O_CLOEXEC)
+    except OSError:
+        return None
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError:
+        return _holder(descriptor)
+    finally:
+        os.close(descriptor)
+    return None
 
 
 class WriterLock:
@@ -30,14 +56,12 @@ class WriterLock:
             descriptor = os.open(file, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
         except OSError as error:
             raise StoreError(f"{file.parent}: cannot be opened for writing: {error.strerror}") from None
-        try:
-            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            holder = os.read(descriptor, 200).decode(errors="replace").strip() or "a writer that gave no name"
+        if not _take(descriptor):
+            holder = _holder(descriptor)
             os.close(descriptor)
             raise StoreError(
                 f"{file.parent}: another writer holds this store ({holder}): stop it first, or open the store to read"
-            ) from None
+            )
         self._descriptor: int | None = descriptor
         since = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
         with suppress(OSError):  # a full disk: the lock holds without its label
@@ -49,3 +73,20 @@ class WriterLock:
         if self._descriptor is not None:
             os.close(self._descriptor)
             self._descriptor = None
+
+
+def _take(descriptor: int) -> bool:
+    """Take the lock; a few tries, for whoever looks with `writer_of` holds it for a moment."""
+    for attempt in range(TRIES):
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            if attempt < TRIES - 1:
+                time.sleep(PAUSE_S)
+        else:
+            return True
+    return False
+
+
+def _holder(descriptor: int) -> str:
+    return os.pread(descriptor, 200, 0).decode(errors="replace").strip() or NO_NAME
