@@ -1,6 +1,6 @@
 """Frames to height maps: patterns, decoding, calibration, triangulation, gridding, clean-up."""
 
-from .board import Board
+from .board import Board, CharucoBoard
 from .calibration import calibrate, calibrate_decoded
 from .decode import decode
 from .frame_order import suggest_order
@@ -20,6 +20,7 @@ __all__ = [
     "PAPER_STRIPES",
     "Board",
     "Calibration",
+    "CharucoBoard",
     "Decoded",
     "Figure",
     "FrameRole",

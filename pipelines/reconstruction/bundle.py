@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,10 +9,18 @@ import numpy.typing as npt
 
 from .pinhole import Array, Floats, distort, rotation
 
-__all__ = ["LENS", "Corners", "Solution", "adjust", "adjust_lens", "lens_residuals"]
+__all__ = [
+    "LENS",
+    "Corners",
+    "Solution",
+    "adjust",
+    "adjust_lens",
+    "information",
+    "lens_residuals",
+    "view_slopes",
+]
 
 LENS = 8  # fx fy cx cy k1 k2 p1 p2; k3 stays 0: it overfits
-STEP = 1e-30  # complex step: the derivative is exact to rounding
 CAMERA_SHIFT, PROJECTOR_SHIFT = 0.05, 0.5  # principal point off the centre, in image widths: projectors shift theirs
 SQUARE = 0.01  # camera pixels are square to this
 
@@ -87,11 +94,8 @@ def adjust(
     -------
     Solution
     """
-    used = _used(corners)
     prior = _Prior((start.camera, start.projector), sizes, (CAMERA_SHIFT, PROJECTOR_SHIFT))
-    rows_pose = np.tile(np.repeat(used.pose, 2), 2)
-    vector = _minimise(lambda v: _data(v, used, noise_px), start.packed(), prior, rows_pose, 2 * LENS + 6, rounds)
-    return Solution.unpacked(vector)
+    return Solution.unpacked(_minimise(_pair(_used(corners), noise_px), start.packed(), prior, rounds))
 
 
 def adjust_lens(
@@ -106,53 +110,66 @@ def adjust_lens(
 ) -> tuple[Floats, Floats, float]:
     """Adjust one device alone: lens (8,), poses (pose, 6); gives both refined and the rms in px."""
     prior = _Prior((lens,), (size,), (shift,))
-
-    def data(vector: Array) -> Array:
-        six = vector[LENS:].reshape(-1, 6)
-        points = _on_board(six[:, :3], six[:, 3:], pose, board)
-        result: Array = ((_view(vector[:LENS], points) - image) / noise_px).ravel()
-        return result
-
-    vector = _minimise(data, np.concatenate([lens, poses.ravel()]), prior, np.repeat(pose, 2), LENS, 60)
-    rms = float(np.sqrt(2 * np.mean(data(vector) ** 2)) * noise_px)
+    problem = _Problem(pose, board, (_Device(0, None, image, noise_px),), LENS)
+    vector = _minimise(problem, np.concatenate([lens, poses.ravel()]), prior, 60)
+    rms = float(np.sqrt(2 * np.mean(problem.errors(vector) ** 2)) * noise_px)
     return vector[:LENS], vector[LENS:].reshape(-1, 6), rms
 
 
-def _minimise(
-    data: Callable[[Array], Array],
-    start: Floats,
-    prior: _Prior,
-    rows_pose: npt.NDArray[np.intp],
-    shared: int,
-    rounds: int,
-) -> Floats:
+def information(
+    corners: Corners,
+    solution: Solution,
+    sizes: tuple[tuple[int, int], tuple[int, int]],
+    noise_px: tuple[float, float],
+) -> tuple[Floats, float, Floats]:
+    """What the corners that count tell of the parameters.
+
+    Returns
+    -------
+    normal : ndarray of float64, shape (parameter, parameter)
+        J^T J of errors in standard deviations, priors included; order of `Solution.packed`.
+    variance : float
+        Sum of squared errors over degrees of freedom: 1 where `noise_px` is right.
+    prior : ndarray of float64, shape (parameter,)
+        The part of the diagonal that the priors give.
+    """
+    prior = _Prior((solution.camera, solution.projector), sizes, (CAMERA_SHIFT, PROJECTOR_SHIFT))
+    vector = solution.packed()
+    errors, normal, _ = _pair(_used(corners), noise_px).equations(vector, soft=False)
+    J, believed = prior.jacobian(vector), prior.residuals(vector)
+    freedom = max(errors.size + len(believed) - len(vector), 1)
+    variance = float((errors**2).sum() + (believed**2).sum()) / freedom
+    held = np.einsum("ki,ki->i", J, J)
+    return normal + np.einsum("ki,kj->ij", J, J), variance, held
+
+
+def _minimise(problem: _Problem, start: Floats, prior: _Prior, rounds: int) -> Floats:
     """Levenberg and Marquardt's method on the normal equations, scaled by their diagonal (More 1978).
 
     scipy's `least_squares` reaches the same minimum, but spends seconds in singular values of a tall matrix.
     """
 
-    def residuals(vector: Floats) -> Floats:
-        return np.concatenate([_soft(data(vector)), prior.residuals(vector)])
+    def total(vector: Floats) -> float:
+        return float((_soft(problem.errors(vector)) ** 2).sum() + (prior.residuals(vector) ** 2).sum())
 
-    vector, now = start, residuals(start)
-    cost, damping = float(now @ now), 1e-3
+    vector, cost, damping = start, total(start), 1e-3
     for _ in range(rounds):
-        J = _jacobian(data, vector, rows_pose, shared) * _soft_slope(data(vector))[:, None]
-        J = np.concatenate([J, prior.jacobian(vector)])
-        normal, slope = J.T @ J, J.T @ now
+        _, normal, slope = problem.equations(vector)
+        J = prior.jacobian(vector)
+        normal = normal + np.einsum("ki,kj->ij", J, J)
+        slope = slope + np.einsum("ki,k->i", J, prior.residuals(vector))
         scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
         normal, slope = normal * np.outer(scale, scale), slope * scale
         for _attempt in range(12):
             step = -scale * np.linalg.solve(normal + damping * np.eye(len(slope)), slope)
-            ahead = residuals(vector + step)
-            new_cost = float(ahead @ ahead)
+            new_cost = total(vector + step)
             if np.isfinite(new_cost) and new_cost <= cost:
                 break
             damping *= 8
         else:
             return vector
         gain = cost - new_cost
-        vector, now, cost = vector + step, ahead, new_cost
+        vector, cost = vector + step, new_cost
         damping = max(damping / 10, 1e-12)
         if gain <= 1e-10 * cost:
             return vector
@@ -162,7 +179,7 @@ def _minimise(
 def lens_residuals(solution: Solution, corners: Corners) -> tuple[Floats, Floats]:
     """Reprojection errors (n, 2) in px of camera and projector, of all corners, used or not."""
     everything = replace(corners, use=np.ones(len(corners.pose), dtype=bool))
-    flat = _data(solution.packed(), everything, (1.0, 1.0)).reshape(2, -1, 2)
+    flat = _pair(everything, (1.0, 1.0)).errors(solution.packed())
     return flat[0], flat[1]
 
 
@@ -171,6 +188,97 @@ def _used(corners: Corners) -> Corners:
     return Corners(
         corners.pose[keep], corners.board[keep], corners.camera[keep], corners.projector[keep], corners.use[keep]
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Device:
+    """One device: where its lens begins in the vector, and its pose from the camera (None: it is the camera)."""
+
+    lens: int
+    stereo: int | None
+    image: Floats
+    noise_px: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Problem:
+    """Corners seen by one device or two; the first `shared` numbers of the vector concern all corners."""
+
+    pose: npt.NDArray[np.intp]
+    board: Floats
+    devices: tuple[_Device, ...]
+    shared: int
+
+    def errors(self, vector: Floats) -> Floats:
+        """Errors (device, n, 2) in standard deviations."""
+        poses = vector[self.shared :].reshape(-1, 6)
+        points = _on_board(poses[:, :3], poses[:, 3:], self.pose, self.board)
+        return np.stack([self._error(vector, device, points) for device in self.devices])
+
+    def _error(self, vector: Floats, device: _Device, points: Floats) -> Floats:
+        if device.stereo is not None:
+            turn, shift = np.split(vector[device.stereo : device.stereo + 6], 2)
+            points = _turned(rotation(turn), points) + shift
+        result: Floats = (_view(vector[device.lens : device.lens + LENS], points) - device.image) / device.noise_px
+        return result
+
+    def equations(self, vector: Floats, soft: bool = True) -> tuple[Floats, Floats, Floats]:
+        """Errors (device, n, 2), J^T J and J^T e, of the robust loss or of the plain squares."""
+        poses = vector[self.shared :].reshape(-1, 6)
+        points = _on_board(poses[:, :3], poses[:, 3:], self.pose, self.board)
+        inner = points - poses[self.pose, 3:]
+        by_pose = np.concatenate(  # how a corner moves with its pose: (n, 3, 6)
+            [_turn_slopes(poses[:, :3], self.pose, inner), np.broadcast_to(np.eye(3), (len(points), 3, 3))], axis=2
+        )
+        errors, slopes = [], []
+        for device in self.devices:
+            errors.append(self._error(vector, device, points))
+            J = np.zeros((len(points), 2, self.shared + 6))
+            lens = vector[device.lens : device.lens + LENS]
+            if device.stereo is None:
+                by_lens, by_point = view_slopes(lens, points)
+            else:
+                turn, shift = np.split(vector[device.stereo : device.stereo + 6], 2)
+                R = rotation(turn)
+                turned = _turned(R, points)
+                by_lens, by_point = view_slopes(lens, turned + shift)
+                whole = np.zeros(len(points), dtype=np.intp)
+                J[:, :, device.stereo : device.stereo + 3] = by_point @ _turn_slopes(turn[None], whole, turned)
+                J[:, :, device.stereo + 3 : device.stereo + 6] = by_point
+                by_point = by_point @ R
+            J[:, :, device.lens : device.lens + LENS] = by_lens
+            J[:, :, self.shared :] = by_point @ by_pose
+            slopes.append(J / device.noise_px)
+        normal, slope = self._gathered(np.stack(errors), np.stack(slopes), soft)
+        return np.stack(errors), normal, slope
+
+    def _gathered(self, errors: Floats, slopes: Floats, soft: bool) -> tuple[Floats, Floats]:
+        """Normal equations from compact rows: einsum's own loops, whose sums do not depend on threads."""
+        count = int(self.pose.max()) + 1
+        total = self.shared + 6 * count
+        normal, slope = np.zeros((total, total)), np.zeros(total)
+        weights = _soft_slope(errors) if soft else np.ones_like(errors)
+        values = _soft(errors) if soft else errors
+        for n in range(count):
+            mine = self.pose == n
+            J = (slopes[:, mine] * weights[:, mine][..., None]).reshape(-1, slopes.shape[-1])
+            J = np.ascontiguousarray(J.T)
+            here = np.concatenate([np.arange(self.shared), self.shared + 6 * n + np.arange(6)])
+            normal[np.ix_(here, here)] += np.einsum("in,jn->ij", J, J)
+            slope[here] += np.einsum("in,n->i", J, values[:, mine].ravel())
+        return normal, slope
+
+
+def _pair(corners: Corners, noise_px: tuple[float, float]) -> _Problem:
+    camera = _Device(0, None, corners.camera, noise_px[0])
+    projector = _Device(LENS, 2 * LENS, corners.projector, noise_px[1])
+    return _Problem(corners.pose, corners.board, (camera, projector), 2 * LENS + 6)
+
+
+def _turned(R: Array, points: Array) -> Array:
+    """Points (n, 3) turned by R, without a matrix library: the same bits whatever the number of threads."""
+    result: Array = points[:, :1] * R[:, 0] + points[:, 1:2] * R[:, 1] + points[:, 2:] * R[:, 2]
+    return result
 
 
 def _view(lens: Array, points: Array) -> Array:
@@ -182,36 +290,57 @@ def _view(lens: Array, points: Array) -> Array:
     return np.stack([lens[0] * x + lens[2], lens[1] * y + lens[3]], axis=1)
 
 
+def view_slopes(lens: Floats, points: Floats) -> tuple[Floats, Floats]:
+    """Derivatives of a pixel by the lens (n, 2, 8) and by the point in the device's frame (n, 2, 3)."""
+    fx, fy, k1, k2, p1, p2 = lens[0], lens[1], lens[4], lens[5], lens[6], lens[7]
+    z = points[:, 2]
+    x, y = points[:, 0] / z, points[:, 1] / z
+    r2 = x * x + y * y
+    radial, rise = 1 + r2 * (k1 + k2 * r2), 2 * (k1 + 2 * k2 * r2)
+    xd, yd = distort(x, y, np.array([k1, k2, p1, p2, 0.0]))
+    by_lens = np.zeros((len(z), 2, LENS))
+    by_lens[:, 0, 0], by_lens[:, 1, 1] = xd, yd
+    by_lens[:, 0, 2] = by_lens[:, 1, 3] = 1
+    by_lens[:, 0, 4], by_lens[:, 1, 4] = fx * x * r2, fy * y * r2
+    by_lens[:, 0, 5], by_lens[:, 1, 5] = fx * x * r2 * r2, fy * y * r2 * r2
+    by_lens[:, 0, 6], by_lens[:, 1, 6] = fx * 2 * x * y, fy * (r2 + 2 * y * y)
+    by_lens[:, 0, 7], by_lens[:, 1, 7] = fx * (r2 + 2 * x * x), fy * 2 * x * y
+    xx = radial + rise * x * x + 2 * p1 * y + 6 * p2 * x
+    xy = rise * x * y + 2 * p1 * x + 2 * p2 * y
+    yy = radial + rise * y * y + 6 * p1 * y + 2 * p2 * x
+    by_point = np.stack(
+        [
+            np.stack([fx * xx, fx * xy, -fx * (xx * x + xy * y)], axis=1),
+            np.stack([fy * xy, fy * yy, -fy * (xy * x + yy * y)], axis=1),
+        ],
+        axis=1,
+    )
+    return by_lens, by_point / z[:, None, None]
+
+
+def _turn_slopes(turns: Floats, which: npt.NDArray[np.intp], turned: Floats) -> Floats:
+    """Derivatives (n, 3, 3) of turned points by their rotation vector: -[R p] times the left Jacobian of SO(3)."""
+    angle = np.sqrt((turns * turns).sum(-1) + 1e-30)
+    half = np.sin(angle / 2) / angle
+    across = _cross(turns)
+    squared = np.einsum("nij,njk->nik", across, across)
+    thin = np.where(angle < 1e-4, 1 / 6, (angle - np.sin(angle)) / angle**3)
+    left = np.eye(3) + (2 * half * half)[:, None, None] * across + thin[:, None, None] * squared
+    slopes: Floats = -np.einsum("nij,njk->nik", _cross(turned), left[which])
+    return slopes
+
+
+def _cross(vectors: Floats) -> Floats:
+    """Matrices (n, 3, 3) of the cross product with vectors (n, 3)."""
+    x, y, z = vectors.T
+    zero = np.zeros_like(x)
+    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(-1, 3, 3)
+
+
 def _on_board(turns: Array, shifts: Array, pose: npt.NDArray[np.intp], board: Floats) -> Array:
     R = rotation(turns)[pose]
     points: Array = R[:, :, 0] * board[:, :1] + R[:, :, 1] * board[:, 1:] + shifts[pose]
     return points
-
-
-def _data(vector: Array, corners: Corners, noise_px: tuple[float, float]) -> Array:
-    """Errors of camera (n, 2), then projector (n, 2), in standard deviations, flat."""
-    stereo = 2 * LENS
-    poses = vector[stereo + 6 :].reshape(-1, 6)
-    points = _on_board(poses[:, :3], poses[:, 3:], corners.pose, corners.board)
-    R, t = rotation(vector[stereo : stereo + 3]), vector[stereo + 3 : stereo + 6]
-    seen = (_view(vector[:LENS], points) - corners.camera) / noise_px[0]
-    lit = (_view(vector[LENS:stereo], points @ R.T + t) - corners.projector) / noise_px[1]
-    return np.concatenate([seen.ravel(), lit.ravel()])
-
-
-def _jacobian(data: Callable[[Array], Array], vector: Floats, rows_pose: npt.NDArray[np.intp], shared: int) -> Floats:
-    """Exact derivative: one complex step per shared number, and one per number of a pose for all poses at once."""
-    rows = np.arange(len(rows_pose))
-    J = np.zeros((len(rows), len(vector)))
-    for k in range(shared + 6):
-        moved = vector.astype(np.complex128)
-        if k < shared:
-            moved[k] += 1j * STEP
-            J[:, k] = data(moved).imag / STEP
-        else:  # a corner depends on its own pose only
-            moved[k::6] += 1j * STEP
-            J[rows, k + 6 * rows_pose] = data(moved).imag / STEP
-    return J
 
 
 # Huber's loss as a transformed residual: quadratic to 2 standard deviations, linear beyond.

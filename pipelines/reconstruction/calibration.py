@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
-from .board import Board
+from .board import Board, CharucoBoard
+from .corner_search import find_board, find_corners
 from .frames import Frames
-from .pinhole import Floats, finite
+from .pinhole import finite
 from .pixel_maps import Decoded
-from .projector_corners import CornerMethod, corner_spacing_px, projector_corners
+from .projector_corners import CornerMethod, projector_corners
 from .rig_model import Calibration
 from .stereo_start import PoseCorners, solve
 from .subpixel import locate
@@ -26,7 +25,7 @@ Mirrored = Literal["auto", "none", "camera", "projector"]
 
 def calibrate(
     poses: Sequence[Frames],
-    board: Board,
+    board: Board | CharucoBoard,
     names: Sequence[str] | None = None,
     reference: int = 0,
     software: str = "",
@@ -52,7 +51,7 @@ def calibrate(
 def calibrate_decoded(
     poses: Sequence[Decoded],
     projector_size: tuple[int, int],
-    board: Board,
+    board: Board | CharucoBoard,
     names: Sequence[str] | None = None,
     reference: int = 0,
     software: str = "",
@@ -80,7 +79,7 @@ def calibrate_decoded(
         At least 3, both axes decoded, all of one image size.
     projector_size : (int, int)
         Projector columns, rows.
-    board : Board
+    board : Board or CharucoBoard
     names : sequence of str, optional
         Of the poses, for messages and residuals.
     reference : int
@@ -115,79 +114,14 @@ def calibrate_decoded(
             )
     seen = []
     for label, decoded in zip(labels, poses, strict=True):
-        corners, inner = find_corners(decoded.texture, board, label)
-        lit = projector_corners(decoded, corners, inner, method)
-        found = finite(lit)
+        here = find_board(decoded.texture, board, label)
+        lit = projector_corners(decoded, here.corners, here.lattice, method)
+        found = finite(lit.at)
         if found.mean() < 0.5:
             raise ValueError(
                 f"{label}: the board is found, but only {int(found.sum())} of {len(found)} corners are decoded: "
                 "is it lit by the projector, and are these the right patterns?"
             )
-        seen.append(PoseCorners(label, Board(inner, board.square_mm).points_mm, corners, lit))
+        points = here.lattice.astype(np.float64) * board.square_mm
+        seen.append(PoseCorners(label, points, here.corners, lit.at))
     return solve(seen, (shape[1], shape[0]), projector_size, board, reference, software, mirrored)
-
-
-def find_corners(image: npt.NDArray[np.uint8], board: Board, label: str) -> tuple[Floats, tuple[int, int]]:
-    """Find the board's inner corners, to sub-pixel.
-
-    Parameters
-    ----------
-    image : ndarray of uint8, shape (row, column)
-    board : Board
-    label : str
-        Name of the pose, for the message.
-
-    Returns
-    -------
-    corners : ndarray of float64, shape (corner, 2)
-        (column, row), row by row of the board.
-    inner_corners : (int, int)
-        The board's size in the order in which it was found.
-
-    Raises
-    ------
-    ValueError
-        If there is no such board; the message names the size that the board seems to have.
-    """
-    across, along = board.inner_corners
-    sizes = [(across, along), (along, across)] if across != along else [(across, along)]
-    found = next(((corners, size) for size in sizes if (corners := _corners(image, size)) is not None), None)
-    likely = _guess(image)
-    if found is not None and (likely is None or math.prod(likely) <= math.prod(found[1])):
-        return found
-    if likely is not None and sorted(likely) != sorted(board.inner_corners):
-        raise ValueError(
-            f"{label}: no board of {board.size_text} inner corners, but the board looks like "
-            f"{likely[0]}x{likely[1]}: give --board {likely[0]}x{likely[1]}, or show the whole board"
-        )
-    raise ValueError(
-        f"{label}: no board of {board.size_text} inner corners found: is it whole in the image, lit and sharp?"
-    )
-
-
-def _corners(image: npt.NDArray[np.uint8], size: tuple[int, int]) -> Floats | None:
-    import cv2
-
-    flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_EXHAUSTIVE
-    ok, corners = cv2.findChessboardCornersSB(image, size, flags=flags)
-    if not ok:
-        ok, corners = cv2.findChessboardCorners(image, size)
-    if not ok:
-        return None
-    half = max(2, round(0.35 * corner_spacing_px(np.asarray(corners, dtype=np.float64).reshape(-1, 2), size)))
-    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
-    refined = cv2.cornerSubPix(image, np.asarray(corners, dtype=np.float32), (half, half), (-1, -1), criteria)
-    return np.asarray(refined, dtype=np.float64).reshape(-1, 2)
-
-
-def _guess(image: npt.NDArray[np.uint8]) -> tuple[int, int] | None:
-    """Give the size of the largest board in the image, longer side first."""
-    import cv2
-
-    flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_LARGER
-    for least in ((4, 5), (3, 3)):  # the smaller one finds only a part of some large boards
-        ok, _, meta = cv2.findChessboardCornersSBWithMeta(image, least, flags)
-        if ok and meta is not None:
-            rows, columns = meta.shape[:2]
-            return max(columns, rows), min(columns, rows)
-    return None

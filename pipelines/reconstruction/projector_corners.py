@@ -9,6 +9,7 @@ Two ways, which the calibration can choose between (docs/decisions/0003-projecto
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -17,19 +18,31 @@ import numpy.typing as npt
 from .pinhole import finite, fit_homography, map_homography
 from .pixel_maps import Decoded
 
-__all__ = ["CornerMethod", "corner_spacing_px", "inside", "outline", "projector_corners"]
+__all__ = ["CornerMethod", "LitCorners", "corner_spacing_px", "inside", "lattice_of", "outline", "projector_corners"]
 
 CornerMethod = Literal["plane", "local"]
 Floats = npt.NDArray[np.float64]
+Lattice = npt.NDArray[np.int_]
 
 GROSS_PX = 3.0  # a decoded pixel further than this from its neighbours' homography is a decoding error
-MOST_PIXELS = 60_000  # of a board: more make the fit slower and no better
+MOST_PIXELS = 20_000  # of a board: more make the fit slower and no better
 CUBIC = [(0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3)]
 
 
-def projector_corners(
-    decoded: Decoded, corners: Floats, inner_corners: tuple[int, int], method: CornerMethod
-) -> Floats:
+@dataclass(frozen=True, slots=True, eq=False)
+class LitCorners:
+    """Where the projector sees the corners, and how well the decoded pixels of the board agree on it.
+
+    `at` (n, 2) px with NaN; `agreeing` the share of decoded pixels that follow the fit; `spread_px` their robust
+    standard deviation about it.
+    """
+
+    at: Floats
+    agreeing: float
+    spread_px: float
+
+
+def projector_corners(decoded: Decoded, corners: Floats, lattice: Lattice, method: CornerMethod) -> LitCorners:
     """Projector position of each camera corner.
 
     Parameters
@@ -37,34 +50,39 @@ def projector_corners(
     decoded : Decoded
         Both axes.
     corners : ndarray of float64, shape (corner, 2)
-        (column, row) in the camera's image, row by row of the board.
-    inner_corners : (int, int)
-        Corners along a row of the board, and rows.
+        (column, row) in the camera's image.
+    lattice : ndarray of int, shape (corner, 2)
+        Which corner of the board each one is: (column, row), counted from any end.
     method : {"plane", "local"}
 
     Returns
     -------
-    ndarray of float64, shape (corner, 2)
-        (column, row) on the projector; NaN where too little was decoded.
+    LitCorners
+        NaN where too little was decoded.
     """
-    if method == "local":
-        return _local(decoded, corners, inner_corners)
-    return _plane(decoded, corners, inner_corners)
+    return _local(decoded, corners, lattice) if method == "local" else _plane(decoded, corners, lattice)
 
 
-def corner_spacing_px(corners: Floats, inner_corners: tuple[int, int]) -> float:
+def lattice_of(inner_corners: tuple[int, int]) -> Lattice:
+    """(column, row) of each corner of a whole board, row by row: shape (corner, 2)."""
+    columns, rows = inner_corners
+    y, x = np.mgrid[0:rows, 0:columns]
+    return np.stack([x.ravel(), y.ravel()], axis=1)
+
+
+def corner_spacing_px(corners: Floats, lattice: Lattice) -> float:
     """Median distance of neighbouring corners in the image."""
-    lattice = corners.reshape(inner_corners[1], inner_corners[0], 2)
-    along = np.linalg.norm(np.diff(lattice, axis=1), axis=-1).ravel()
-    across = np.linalg.norm(np.diff(lattice, axis=0), axis=-1).ravel()
-    return float(np.median(np.concatenate([along, across])))
+    apart = np.abs(lattice[:, None] - lattice).sum(axis=-1)
+    one, other = np.nonzero(np.triu(apart == 1))
+    return float(np.median(np.linalg.norm(corners[one] - corners[other], axis=1)))
 
 
-def _local(decoded: Decoded, corners: Floats, inner_corners: tuple[int, int]) -> Floats:
-    half = round(min(max(0.35 * corner_spacing_px(corners, inner_corners), 6), 40))
+def _local(decoded: Decoded, corners: Floats, lattice: Lattice) -> LitCorners:
+    half = round(min(max(0.35 * corner_spacing_px(corners, lattice), 6), 40))
     H, W = decoded.column.shape
     random = np.random.default_rng(0)  # which triples are tried; fixed, so that a calibration repeats
     result = np.full(corners.shape, np.nan)
+    agreeing, spreads = [], []
     for n, (u, v) in enumerate(corners):
         c0, r0 = round(u) - half, round(v) - half
         if c0 < 0 or r0 < 0 or c0 + 2 * half >= W or r0 + 2 * half >= H:
@@ -75,10 +93,16 @@ def _local(decoded: Decoded, corners: Floats, inner_corners: tuple[int, int]) ->
         if len(rows) < max(40, 0.2 * (2 * half + 1) ** 2):
             continue
         source = np.stack([columns + c0 - u, rows + r0 - v], axis=1).astype(np.float64)
-        fit = _robust_homography(source, target[rows, columns], random)
+        target = target[rows, columns]
+        fit = _robust_homography(source, target, random)
         if fit is not None:
             result[n] = map_homography(fit, np.zeros(2))
-    return result
+            error = np.abs(map_homography(fit, source) - target).max(axis=1)
+            spreads.append(1.4826 * float(np.median(error)))
+            agreeing.append(float((error < max(4 * spreads[-1], 1.0)).mean()))
+    if not spreads:
+        return LitCorners(result, 0.0, np.nan)
+    return LitCorners(result, float(np.mean(agreeing)), float(np.median(spreads)))
 
 
 def _robust_homography(source: Floats, target: Floats, random: np.random.Generator) -> Floats | None:
@@ -108,8 +132,9 @@ def _robust_homography(source: Floats, target: Floats, random: np.random.Generat
     return H
 
 
-def _plane(decoded: Decoded, corners: Floats, inner_corners: tuple[int, int]) -> Floats:
-    hull = outline(corners, inner_corners)
+def _plane(decoded: Decoded, corners: Floats, lattice: Lattice) -> LitCorners:
+    hull = outline(corners, lattice)
+    nothing = LitCorners(np.full(corners.shape, np.nan), 0.0, np.nan)
     H, W = decoded.column.shape
     c0, r0 = np.maximum(np.floor(hull.min(axis=0)).astype(int), 0)
     c1, r1 = np.minimum(np.ceil(hull.max(axis=0)).astype(int) + 1, [W, H])
@@ -122,28 +147,43 @@ def _plane(decoded: Decoded, corners: Floats, inner_corners: tuple[int, int]) ->
     keep = finite(target) & inside(source, hull)
     source, target = source[keep], target[keep]
     if len(source) < 500:
-        return np.full(corners.shape, np.nan)
-    # Start: the median decoded position near each corner is immune to gross errors.
-    anchors, seen = _medians(decoded, corners, corner_spacing_px(corners, inner_corners))
+        return nothing
+    # Start: the median decoded position near each corner is immune to gross errors, and so is their homography.
+    anchors, seen = _medians(decoded, corners, corner_spacing_px(corners, lattice))
     if len(anchors) < 0.5 * len(corners):
-        return np.full(corners.shape, np.nan)
+        return nothing
     plane = fit_homography(anchors, seen)
+    for _ in range(5):
+        off = np.linalg.norm(map_homography(plane, anchors) - seen, axis=1)
+        plane = fit_homography(anchors, seen, np.clip(1 - (off / max(6 * float(np.median(off)), 0.5)) ** 2, 0, None))
     centre, scale = corners.mean(axis=0), np.abs(corners - corners.mean(axis=0)).max()
     design, at_corners = _cubic((source - centre) / scale), _cubic((corners - centre) / scale)
-    residual = target - map_homography(plane, source)
+    residual = np.ascontiguousarray((target - map_homography(plane, source)).T)
     coefficients = np.zeros((len(CUBIC), 2))
-    coefficients[0] = np.median(residual, axis=0)
+    coefficients[0] = np.median(residual, axis=1)
     for turn in range(8):
-        error = np.abs(residual - design @ coefficients).max(axis=1)
+        error = np.abs(residual - _sum(coefficients, design)).max(axis=0)
         spread = max(1.4826 * float(np.median(error)), 0.05)
-        weight = np.clip(1 - (error / (4 * spread + (8 - turn) * 0.5)) ** 2, 0, None) ** 2
-        weighted = design * weight[:, None]
-        coefficients = np.linalg.solve(weighted.T @ design, weighted.T @ residual)
-    return map_homography(plane, corners) + at_corners @ coefficients
+        reach = 4 * spread + (8 - turn) * 0.5
+        weight = np.clip(1 - (error / reach) ** 2, 0, None) ** 2
+        weighted = design * weight
+        normal = np.einsum("in,jn->ij", weighted, design)  # einsum's own loops: no threads, the same bits every time
+        coefficients = np.linalg.solve(normal, np.einsum("in,cn->ic", weighted, residual))
+    at = map_homography(plane, corners) + _sum(coefficients, at_corners).T
+    return LitCorners(at, float((error < max(4 * spread, 1.0)).mean()), spread)
 
 
 def _cubic(points: Floats) -> Floats:
-    return np.stack([points[:, 0] ** i * points[:, 1] ** j for i, j in CUBIC], axis=1)
+    """Terms of a cubic, shape (term, n): memory runs along the points."""
+    x, y = points[:, 0], points[:, 1]
+    return np.stack([x**i * y**j for i, j in CUBIC])
+
+
+def _sum(coefficients: Floats, design: Floats) -> Floats:
+    result = np.zeros((2, design.shape[1]))
+    for k, term in enumerate(design):
+        result += coefficients[k][:, None] * term
+    return result
 
 
 def _medians(decoded: Decoded, corners: Floats, spacing: float) -> tuple[Floats, Floats]:
@@ -160,12 +200,10 @@ def _medians(decoded: Decoded, corners: Floats, spacing: float) -> tuple[Floats,
     return np.array(where, dtype=np.float64), np.array(seen, dtype=np.float64)
 
 
-def outline(corners: Floats, inner_corners: tuple[int, int]) -> Floats:
+def outline(corners: Floats, lattice: Lattice) -> Floats:
     """Give the four outer corners of the lattice, moved outwards by 0.6 of a square."""
-    columns, rows = inner_corners
-    lattice = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2).astype(np.float64)
-    H = fit_homography(lattice, corners)
-    a, b, c, d = -0.6, columns - 0.4, -0.6, rows - 0.4
+    H = fit_homography(lattice.astype(np.float64), corners)
+    (a, c), (b, d) = lattice.min(axis=0) - 0.6, lattice.max(axis=0) + 0.6
     return map_homography(H, np.array([[a, c], [b, c], [b, d], [a, d]]))
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .board import Board
+from .board import Board, CharucoBoard
 from .bundle import LENS, Corners, Solution, adjust, adjust_lens, lens_residuals
 from .pinhole import Floats, finite, fit_homography, plane_pose, rotation, rotation_vector
 from .rig_model import Calibration, Lens, PoseResidual
@@ -32,7 +32,7 @@ def solve(
     poses: Sequence[PoseCorners],
     camera_size: tuple[int, int],
     projector_size: tuple[int, int],
-    board: Board,
+    board: Board | CharucoBoard,
     reference: int,
     software: str,
     mirrored: str = "auto",
@@ -223,7 +223,7 @@ def _calibration(
     corners: Corners,
     solution: Solution,
     sizes: tuple[tuple[int, int], tuple[int, int]],
-    board: Board,
+    board: Board | CharucoBoard,
     reference: int,
     software: str,
 ) -> Calibration:
@@ -248,7 +248,7 @@ def _calibration(
         ),
         rms_px={"camera": total[0], "projector": total[1], "stereo": total[2]},
         poses=tuple(residuals),
-        board={"inner_corners": list(board.inner_corners), "square_mm": board.square_mm},
+        board=board.as_mapping(),
         software=software,
     )
 

@@ -23,7 +23,7 @@ from pipelines.reconstruction import (
 )
 from pipelines.reconstruction.calibration import Mirrored, find_corners
 from pipelines.reconstruction.pinhole import undistort
-from pipelines.reconstruction.projector_corners import CornerMethod, inside, outline
+from pipelines.reconstruction.projector_corners import CornerMethod, inside, lattice_of, outline
 from storage import read_capture, read_patterns
 
 pytestmark = pytest.mark.xdist_group("known-captures")  # they share what takes seconds to decode
@@ -75,7 +75,7 @@ def test_real_board(real: list[Decoded], method: CornerMethod) -> None:
         points = triangulate(decoded, rig)
         corners, inner = find_corners(decoded.texture, REAL, "pose")
         rows, columns = np.nonzero(points.valid)
-        on_board = inside(np.stack([columns, rows], axis=1).astype(np.float64), outline(corners, inner))
+        on_board = inside(np.stack([columns, rows], axis=1).astype(np.float64), outline(corners, lattice_of(inner)))
         rows, columns = rows[on_board][::7], columns[on_board][::7]
         distance = off_plane(points.xyz[rows, columns].astype(np.float64))
         sd, said = robust_sd(distance), float(np.median(points.sigma_z[rows, columns]))
