@@ -1,6 +1,6 @@
 """Keeps what pipelines define: stores of scans, folders of captures, files of other programs."""
 
-from .capture_folder import read_capture, write_capture
+from .capture_folder import read_capture, read_image, write_capture
 from .exporters import write_height_map, write_points, write_series
 from .importers import read_height_map
 from .ledger import Ledger, LedgerAddress, LedgerRow, SlotState, ledger_beside
@@ -23,6 +23,7 @@ __all__ = [
     "open_store",
     "read_capture",
     "read_height_map",
+    "read_image",
     "read_patterns",
     "write_capture",
     "write_height_map",

@@ -21,7 +21,7 @@ from pipelines.reconstruction import suggest_order
 
 from .pattern_file import natural_key, read_patterns
 
-__all__ = ["read_capture", "write_capture"]
+__all__ = ["read_capture", "read_image", "write_capture"]
 
 CAPTURE_FILE = "capture.json"
 PATTERN_FILES = ("patterns.yaml", "patterns.yml")
@@ -201,14 +201,14 @@ def _head(file: Path) -> str:
 
 def _of_common_size(files: Sequence[Path]) -> list[Path]:
     with ThreadPoolExecutor(THREADS) as pool:
-        shapes = list(pool.map(lambda file: _read_image(file).shape, files))
+        shapes = list(pool.map(lambda file: read_image(file).shape, files))
     common, _ = Counter(shapes).most_common(1)[0]
     return [file for file, shape in zip(files, shapes, strict=True) if shape == common]
 
 
 def _read_images(files: Sequence[Path]) -> npt.NDArray[Any]:
     with ThreadPoolExecutor(THREADS) as pool:
-        images = list(pool.map(_read_image, files))
+        images = list(pool.map(read_image, files))
     common, votes = Counter((image.shape, image.dtype) for image in images).most_common(1)[0]
     for file, image in zip(files, images, strict=True):
         if image.shape != common[0]:
@@ -221,7 +221,18 @@ def _read_images(files: Sequence[Path]) -> npt.NDArray[Any]:
     return np.stack(images)
 
 
-def _read_image(file: Path) -> npt.NDArray[Any]:
+def read_image(file: Path) -> npt.NDArray[Any]:
+    """Read one image; colour becomes grey.
+
+    Returns
+    -------
+    ndarray of uint8 or uint16, shape (row, column)
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, is no whole image, or has other values.
+    """
     import cv2
 
     try:
