@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from configs import Alarm, CaptureError
 from pipelines import (
-    LEVEL_NONE,
     AlarmState,
     Calibration,
     Comparison,
@@ -94,32 +93,9 @@ def make_scan(frames: Frames, recipe: Recipe) -> Scan:
 
     points = reconstruct(frames, recipe.calibration)
     scan = to_scan(points, recipe.calibration, recipe.grid, frames.time, remove_background=recipe.remove_background)
-    scan = _without_wild_cells(scan)
     if not np.isfinite(scan.height).any():
         raise CaptureError("no cell was measured: is the projector on, and the object in the field of view?")
     return scan
-
-
-WILD = 0.1
-"""A cell less certain than this share of half the field tells nothing: its rays are nearly parallel."""
-
-
-def _without_wild_cells(scan: Scan) -> Scan:
-    """Drop cells that a gross misreading put far off, so that one cell never costs a whole scan."""
-    measured = np.isfinite(scan.height)
-    if not measured.any():
-        return scan
-    reach = min(scan.grid.shape) * scan.grid.pitch_mm / 2  # deeper than half the field, nothing is in the focus
-    wild = measured & ((scan.sigma > WILD * reach) | (np.abs(scan.height - np.median(scan.height[measured])) > reach))
-    if not wild.any():
-        return scan
-    nothing = np.float32(np.nan)
-    return replace(
-        scan,
-        height=np.where(wild, nothing, scan.height),
-        sigma=np.where(wild, nothing, scan.sigma),
-        level=np.where(wild, np.uint8(LEVEL_NONE), scan.level),
-    )
 
 
 def visit(frames: Frames, recipe: Recipe, epoch: Epoch | None, planned: Instant) -> Yield:

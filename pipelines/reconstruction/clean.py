@@ -1,4 +1,4 @@
-"""What does not belong to the surface: a background that stands apart (K-means), and lone points (density)."""
+"""What does not belong to the surface: mixed pixels, uncertain and lone points, a background that stands apart."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import numpy as np
 import numpy.typing as npt
 
 from .pixel_maps import PointMap
+from .slabs import in_slabs
 
-__all__ = ["background", "remove_lone"]
+__all__ = ["background_border", "reject_mixed", "remove_lone"]
 
 Mask = npt.NDArray[np.bool_]
 
@@ -18,10 +19,68 @@ APART = 4.0  # two modes are well separated if the empty band between them is th
 FAR = 0.25  # of the shorter side of the field of view; the paper's rig is sharp within 0.3 of it to either side
 WIDE = 0.03  # a background is wider than this share of the image; a crack's floor is not
 SAMPLES = 20_000
+SUPPORT = 2  # of the eight directions must lead on to a point
+STANDARD = 4.0  # standard uncertainties that two points of one surface may differ by
+BEND = 1.0  # and as much as a slope of so much that begins between them
 
 
-def remove_lone(points: PointMap) -> Mask:
+def reject_mixed(points: PointMap) -> Mask:
+    """Tell which pixels lie on no surface that their neighbours show.
+
+    Where a pixel sees two surfaces at once (the rim of a crack, the border of a shadow), patterns of both add up and
+    decode to a place between them. No threshold of contrast tells such a pixel, but its neighbours do: going on
+    straight from the two next pixels in one of the eight directions leads to any point of a surface, on its own side of
+    an edge too, but not to a point between two surfaces.
+
+    Returns
+    -------
+    ndarray of bool, shape (row, column)
+        True where fewer than `SUPPORT` directions lead on to a measured point.
+    """
+    mixed = np.zeros(points.sigma_z.shape, np.bool_)
+    in_slabs(len(mixed), lambda first, last: _mixed(points.xyz, points.sigma_z, mixed, first, last))
+    return mixed
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _leads_on(xyz, sigma_z, i, j, a, b):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """Whether pixels (i + 2a, j + 2b) and (i + a, j + b) lead on to (i, j)."""
+    z0, z1, z2 = xyz[i, j, 2], xyz[i + a, j + b, 2], xyz[i + 2 * a, j + 2 * b, 2]
+    s0, s1, s2 = sigma_z[i, j], sigma_z[i + a, j + b], sigma_z[i + 2 * a, j + 2 * b]
+    dx, dy = xyz[i + a, j + b, 0] - xyz[i, j, 0], xyz[i + a, j + b, 1] - xyz[i, j, 1]
+    off, bend = abs(z0 - 2 * z1 + z2), BEND * np.sqrt(dx * dx + dy * dy)
+    if not off <= bend + STANDARD * (s0 + 2 * s1 + s2):  # NaN is not; cheaper than the root below, and never less
+        return False
+    if not abs(z1 - z2) <= SLOPE * bend / BEND + STANDARD * (s1 + s2):
+        return False
+    return off <= bend + STANDARD * np.sqrt(s0 * s0 + 4 * s1 * s1 + s2 * s2)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _mixed(xyz, sigma_z, mixed, first, last):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    H, W = sigma_z.shape
+    around = ((0, -1), (0, 1), (-1, 0), (1, 0), (-1, -1), (1, 1), (-1, 1), (1, -1))
+    for i in range(first, last):
+        for j in range(W):
+            if not sigma_z[i, j] > 0:
+                continue
+            found = 0
+            for a, b in around:
+                if 0 <= i + 2 * a < H and 0 <= j + 2 * b < W and _leads_on(xyz, sigma_z, i, j, a, b):
+                    found += 1
+                    if found == SUPPORT:
+                        break
+            mixed[i, j] = found < SUPPORT
+
+
+def remove_lone(points: PointMap, worst: float = np.inf) -> Mask:
     """Tell which measured pixels have neighbours on the same surface.
+
+    Parameters
+    ----------
+    points : PointMap
+    worst : float
+        Points with a larger sigma, mm, count as not measured.
 
     Returns
     -------
@@ -29,30 +88,32 @@ def remove_lone(points: PointMap) -> Mask:
         True where the point is kept.
     """
     keep = np.zeros(points.sigma_z.shape, np.bool_)
-    _density(points.xyz, points.sigma_z, keep)
+    in_slabs(len(keep), lambda first, last: _density(points.xyz, points.sigma_z, worst, keep, first, last))
     return keep
 
 
 @nb.njit(cache=True, nogil=True)
-def _density(xyz, sigma_z, keep):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+def _density(xyz, sigma_z, worst, keep, first, last):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     H, W = sigma_z.shape
-    for i in range(H):
+    for i in range(first, last):
         for j in range(W):
-            z = xyz[i, j, 2]
-            if not z > 0:
+            s = sigma_z[i, j]
+            if not s <= worst:  # false for NaN
                 continue
-            x, y, s = xyz[i, j, 0], xyz[i, j, 1], sigma_z[i, j]
+            x, y, z = xyz[i, j, 0], xyz[i, j, 1], xyz[i, j, 2]
             near = 0
             for a in range(max(i - 2, 0), min(i + 3, H)):
                 for b in range(max(j - 2, 0), min(j + 3, W)):
                     dx, dy, dz = xyz[a, b, 0] - x, xyz[a, b, 1] - y, abs(xyz[a, b, 2] - z)
-                    allowed = SLOPE * np.sqrt(dx * dx + dy * dy) + 4 * (s + sigma_z[a, b])
-                    if dz <= allowed:  # false for NaN
+                    more = dz - STANDARD * (s + sigma_z[a, b])
+                    if more <= 0 or more * more <= SLOPE * SLOPE * (dx * dx + dy * dy):  # false for NaN
                         near += 1
-            keep[i, j] = near > NEIGHBOURS  # itself included
+                if near > NEIGHBOURS:  # itself included
+                    break
+            keep[i, j] = near > NEIGHBOURS
 
 
-def background(points: PointMap, keep: Mask) -> Mask:
+def background_border(points: PointMap, keep: Mask) -> float:
     """Find a background behind the object: K-means with two clusters of the distance, if there are two.
 
     The farther cluster is background only if (1) the two are well separated: the empty band between them is at least
@@ -68,21 +129,19 @@ def background(points: PointMap, keep: Mask) -> Mask:
 
     Returns
     -------
-    ndarray of bool, shape (row, column)
-        True where a pixel shows the background.
+    float
+        Depth beyond which a point shows the background, mm; infinite where there is none.
     """
-    none = np.zeros(keep.shape, np.bool_)
-    depth = points.xyz[..., 2][keep]
+    step = max(1, int(np.sqrt(keep.size / SAMPLES / 4)))
+    some = keep[::step, ::step]
+    x, y, depth = (points.xyz[::step, ::step, n][some] for n in range(3))
     if len(depth) < 100:
-        return none
-    sample = np.sort(depth[:: max(1, len(depth) // SAMPLES)]).astype(np.float64)
-    y, x = (points.xyz[..., n][keep][:: max(1, len(depth) // SAMPLES)] for n in (1, 0))
+        return np.inf
     field = min(float(np.ptp(np.percentile(side, [2, 98]))) for side in (x, y))
-    border = _two_modes(sample, FAR * field)
+    border = _two_modes(np.sort(depth.astype(np.float64)), FAR * field)
     if border is None:
-        return none
-    behind = keep & (points.xyz[..., 2] > border)
-    return behind if _is_wide(behind) else none
+        return np.inf
+    return border if _is_wide(keep & (points.xyz[..., 2] > border)) else np.inf
 
 
 def _two_modes(depth: npt.NDArray[np.float64], least: float) -> float | None:

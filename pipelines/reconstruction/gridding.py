@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import math
 
-import numba as nb
 import numpy as np
 
 from ..grid import Grid
 from ..instant import Instant
 from ..scan import LEVEL_NONE, Scan
-from .clean import background, remove_lone
+from .clean import background_border, remove_lone
+from .grid_kernels import STEEPEST, bridge, fill, lay
 from .pinhole import Floats, project, undistort
 from .pixel_maps import PointMap
 from .rig_model import Calibration
+from .slabs import in_slabs
 
 __all__ = ["footprint_grid", "to_scan"]
 
-STEEPEST = 3.0  # two points of one cell further apart in height than this many cells are two surfaces
+USELESS = 0.01  # of the field of view: a point less certain than that tells nothing of a surface
+BAND = 128  # rows of the grid that are worked on at once: what is summed up of them stays in the cache
 
 
 def footprint_grid(calibration: Calibration, pitch_mm: float | None = None) -> Grid:
@@ -88,9 +90,11 @@ def to_scan(
 ) -> Scan:
     """Clean a point map and put it on a grid of the site frame.
 
-    Each cell takes the mean of its points, weighted by their inverse variance. Where a cell holds two surfaces (the
-    rim and the floor of a crack) the one with more points wins, the upper one in a tie; nothing is averaged across.
-    Single empty cells between two measured ones of the same surface are filled; wider gaps stay NaN.
+    Points that are less certain than a hundredth of the field of view, and lone ones, are left out. Each cell takes
+    the mean of its points, weighted by their inverse variance and moved to the cell's centre along the slope of the
+    surface, which the neighbours of each point in the image give. Where a cell holds two surfaces (the rim and the
+    floor of a crack) the one with more points wins, the upper one in a tie; nothing is averaged across. Single empty
+    cells between two measured ones of the same surface are filled; wider gaps stay NaN.
 
     Parameters
     ----------
@@ -105,19 +109,44 @@ def to_scan(
     -------
     Scan
     """
-    reference = np.ascontiguousarray(calibration.reference)
-    keep = remove_lone(points)
-    if remove_background:
-        keep &= ~background(points, keep)
+    keep = remove_lone(points, USELESS * _field_mm(calibration))
+    farthest = background_border(points, keep) if remove_background else np.inf
     shape = grid.shape
+    level = np.full(shape, LEVEL_NONE, np.uint8)
+    texture = np.zeros(shape, np.uint8)
     height, sigma = np.empty(shape, np.float32), np.empty(shape, np.float32)
-    texture, level = np.empty(shape, np.uint8), np.empty(shape, np.uint8)
-    _splat(
-        points.xyz, points.sigma_z, points.texture, points.level, keep, reference,
-        grid.x0_mm, grid.y0_mm, grid.pitch_mm, STEEPEST * grid.pitch_mm, height, sigma, texture, level,
+    raw = np.empty(shape, np.float32)
+    steepest = STEEPEST * grid.pitch_mm
+    pixels = keep.shape
+    cell, above = np.empty(pixels, np.int32), np.empty(pixels, np.float32)
+    offset, slope = np.empty((*pixels, 2), np.int8), np.empty((*pixels, 2), np.int16)
+    reach = np.empty((len(keep), 2), np.int32)
+    reference = np.ascontiguousarray(calibration.reference)
+    place = (grid.x0_mm, grid.y0_mm, grid.pitch_mm)
+
+    in_slabs(
+        len(keep),
+        lambda first, last: lay(
+            points.xyz, keep, farthest, reference, place, shape, cell, above, offset, slope, reach, first, last
+        ),
+    )
+    in_slabs(
+        grid.rows,
+        lambda first, last: fill(
+            cell, above, offset, slope, reach, points.sigma_z, points.texture, points.level, steepest, grid.pitch_mm,
+            raw, sigma, texture, level, first, last,
+        ),
+        step=BAND,
     )  # fmt: skip
-    _bridge(height, sigma, texture, level, STEEPEST * grid.pitch_mm)
+    in_slabs(grid.rows, lambda first, last: bridge(raw, height, sigma, texture, level, steepest, first, last))
     return Scan(grid, time, height, sigma, texture, level, calibration.id)
+
+
+def _field_mm(calibration: Calibration) -> float:
+    """Shorter side of what the camera sees of the reference plane."""
+    distance = abs(calibration.reference[2, 3] / calibration.reference[2, 2])
+    sides = (side / calibration.camera.K[n, n] for n, side in enumerate(calibration.camera.size))
+    return float(distance * min(sides))
 
 
 def _on_reference(calibration: Calibration, pixels: Floats) -> Floats:
@@ -127,98 +156,3 @@ def _on_reference(calibration: Calibration, pixels: Floats) -> Floats:
     normal, offset = calibration.reference[2, :3], calibration.reference[2, 3]
     points: Floats = rays * (-offset / (rays @ normal))[..., None]
     return points
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def _splat(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
-    xyz, sigma_z, texture_in, level_in, keep, M, x0, y0, pitch, gap, height, sigma, texture, level
-):
-    rows, columns = height.shape
-    H, W = sigma_z.shape
-    top = np.full((rows, columns), -np.inf, np.float32)
-    bottom = np.full((rows, columns), np.inf, np.float32)
-    cell = np.full((H, W), -1, np.int32)
-    z_site = np.empty((H, W), np.float32)
-    along, across = np.empty((H, W), np.float32), np.empty((H, W), np.float32)
-    for i in range(H):
-        for j in range(W):
-            if not keep[i, j]:
-                continue
-            x, y, z = xyz[i, j, 0], xyz[i, j, 1], xyz[i, j, 2]
-            a = (M[0, 0] * x + M[0, 1] * y + M[0, 2] * z + M[0, 3] - x0) / pitch
-            b = (M[1, 0] * x + M[1, 1] * y + M[1, 2] * z + M[1, 3] - y0) / pitch
-            column, row = int(np.floor(a + 0.5)), int(np.floor(b + 0.5))
-            if 0 <= row < rows and 0 <= column < columns:
-                h = np.float32(M[2, 0] * x + M[2, 1] * y + M[2, 2] * z + M[2, 3])
-                z_site[i, j] = h
-                along[i, j], across[i, j] = a - column, b - row
-                cell[i, j] = row * columns + column
-                top[row, column] = max(top[row, column], h)
-                bottom[row, column] = min(bottom[row, column], h)
-    # Points of the upper and of the lower surface of each cell, told apart only where the cell spans more than `gap`.
-    upper, lower = np.zeros((rows, columns), np.uint16), np.zeros((rows, columns), np.uint16)
-    for i in range(H):
-        for j in range(W):
-            if cell[i, j] >= 0:
-                row, column = cell[i, j] // columns, cell[i, j] % columns
-                if top[row, column] - bottom[row, column] > gap:
-                    if 2 * z_site[i, j] > top[row, column] + bottom[row, column]:
-                        upper[row, column] += 1
-                    else:
-                        lower[row, column] += 1
-    weight, total = np.zeros((rows, columns), np.float64), np.zeros((rows, columns), np.float64)
-    bright, count = np.zeros((rows, columns), np.uint32), np.zeros((rows, columns), np.uint16)
-    level[:] = 0
-    for i in range(H):
-        for j in range(W):
-            if cell[i, j] < 0:
-                continue
-            row, column = cell[i, j] // columns, cell[i, j] % columns
-            if upper[row, column] + lower[row, column] > 0:
-                high = 2 * z_site[i, j] > top[row, column] + bottom[row, column]
-                if high != (upper[row, column] >= lower[row, column]):
-                    continue
-            w = 1.0 / (sigma_z[i, j] * sigma_z[i, j])
-            weight[row, column] += w
-            total[row, column] += w * z_site[i, j]
-            bright[row, column] += texture_in[i, j]
-            count[row, column] += 1
-            level[row, column] = max(level[row, column], level_in[i, j])
-    for row in range(rows):
-        for column in range(columns):
-            n = count[row, column]
-            if n == 0:
-                height[row, column] = np.nan
-                sigma[row, column] = np.nan
-                texture[row, column] = 0
-                level[row, column] = LEVEL_NONE
-            else:
-                height[row, column] = total[row, column] / weight[row, column]
-                sigma[row, column] = 1.0 / np.sqrt(weight[row, column])
-                texture[row, column] = bright[row, column] // n
-
-
-@nb.njit(cache=True, nogil=True)
-def _bridge(height, sigma, texture, level, gap):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
-    """Fill single empty cells between two opposite measured ones of the same surface."""
-    rows, columns = height.shape
-    source = height.copy()
-    steps = ((0, 1), (1, 0), (1, 1), (1, -1))
-    for row in range(1, rows - 1):
-        for column in range(1, columns - 1):
-            if source[row, column] == source[row, column]:
-                continue
-            total, spread, bright, worst, n = 0.0, 0.0, 0, 0, 0
-            for a, b in steps:
-                one, two = source[row - a, column - b], source[row + a, column + b]
-                if abs(one - two) <= gap:  # false where either is NaN
-                    total += one + two
-                    spread = max(spread, sigma[row - a, column - b], sigma[row + a, column + b])
-                    bright += int(texture[row - a, column - b]) + int(texture[row + a, column + b])
-                    worst = max(worst, level[row - a, column - b], level[row + a, column + b])
-                    n += 2
-            if n > 0:
-                height[row, column] = total / n
-                sigma[row, column] = spread
-                texture[row, column] = bright // n
-                level[row, column] = worst

@@ -1,7 +1,11 @@
-"""The whole way from frames to a scan."""
+"""The whole way from frames to points."""
 
 from __future__ import annotations
 
+import numpy as np
+
+from ..scan import LEVEL_NONE
+from .clean import reject_mixed
 from .frames import Frames
 from .pixel_maps import PointMap
 from .rig_model import Calibration
@@ -12,7 +16,9 @@ __all__ = ["reconstruct"]
 
 
 def reconstruct(frames: Frames, calibration: Calibration) -> PointMap:
-    """Decode a capture to sub-pixel and give each pixel its point in the camera frame, before any clean-up.
+    """Decode a capture to sub-pixel and give each pixel its point in the camera frame.
+
+    Pixels that see two surfaces at once are rejected; a background and lone points are still there.
 
     Raises
     ------
@@ -26,4 +32,9 @@ def reconstruct(frames: Frames, calibration: Calibration) -> PointMap:
             f"patterns for a projector of {columns}x{rows}, but the calibration is for {wide}x{high}: "
             "use the pattern file of the calibration"
         )
-    return triangulate(locate(frames), calibration)
+    points = triangulate(locate(frames), calibration)
+    mixed = reject_mixed(points)
+    for measured in (points.xyz, points.sigma_z, points.projector):  # just made here: nobody else holds them
+        measured[mixed] = np.nan
+    points.level[mixed] = LEVEL_NONE
+    return points

@@ -13,10 +13,12 @@ from ..scan import LEVEL_NONE
 from .pinhole import undistort
 from .pixel_maps import Decoded, PointMap
 from .rig_model import Calibration
+from .slabs import in_slabs
 
 __all__ = ["triangulate"]
 
 MARGIN_PX = 2  # the projector's table reaches this far beyond its edge: sub-pixel positions may too
+LEAST_PARALLAX = 0.5  # of both axes' together: an axis with less, left alone, says next to nothing of the depth
 SLACK_PX = 1.0  # what calibration and blur may leave between two rays, in projector px, beside the decoding's sigma
 
 
@@ -38,7 +40,8 @@ def triangulate(decoded: Decoded, calibration: Calibration) -> PointMap:
     Each decoded axis is one linear equation for the distance along the camera's ray; both together are solved by least
     squares, weighted by the sigma of each axis, so the axis along the baseline decides and the other one helps and
     checks: where the two rays pass each other by more than decoding and calibration explain, the pixel is rejected.
-    A missing axis is taken from where the ray falls, by iteration.
+    A missing axis is taken from where the ray falls, by iteration. A pixel that lost the axis which carries the
+    parallax is rejected: its rays are nearly parallel, and what is left puts it anywhere.
 
     Parameters
     ----------
@@ -68,23 +71,34 @@ def triangulate(decoded: Decoded, calibration: Calibration) -> PointMap:
     projector = np.empty((rows, columns, 2), np.float32)
     level = np.empty((rows, columns), np.uint8)
     P = calibration.projector
-    _kernel(
-        decoded.column.reshape(-1),
-        decoded.row.reshape(-1),
-        decoded.sigma_column.reshape(-1),
-        decoded.sigma_row.reshape(-1),
-        decoded.level.reshape(-1),
-        tables.rays.reshape(-1, 2),
-        tables.lit,
-        calibration.R,
-        calibration.t_mm,
-        np.array([P.K[0, 0], P.K[1, 1], P.K[0, 2], P.K[1, 2], *P.dist]),
-        xyz.reshape(-1, 3),
-        sigma_z.reshape(-1),
-        projector.reshape(-1, 2),
-        level.reshape(-1),
-    )
+    lens = np.array([P.K[0, 0], P.K[1, 1], P.K[0, 2], P.K[1, 2], *P.dist])
+    least = LEAST_PARALLAX if _any_known(decoded.column) and _any_known(decoded.row) else 0.0
+
+    def slab(first: int, last: int) -> None:
+        _kernel(
+            decoded.column[first:last].reshape(-1),
+            decoded.row[first:last].reshape(-1),
+            decoded.sigma_column[first:last].reshape(-1),
+            decoded.sigma_row[first:last].reshape(-1),
+            decoded.level[first:last].reshape(-1),
+            tables.rays[first:last].reshape(-1, 2),
+            tables.lit,
+            calibration.R,
+            calibration.t_mm,
+            lens,
+            least,
+            xyz[first:last].reshape(-1, 3),
+            sigma_z[first:last].reshape(-1),
+            projector[first:last].reshape(-1, 2),
+            level[first:last].reshape(-1),
+        )
+
+    in_slabs(rows, slab)
     return PointMap(xyz, sigma_z, projector, level, decoded.texture)
+
+
+def _any_known(place: npt.NDArray[np.float32]) -> bool:
+    return any(not np.isnan(line).all() for line in place)  # most often the first line answers
 
 
 def _tables(calibration: Calibration) -> _Tables:
@@ -126,7 +140,9 @@ def _lookup(table, column, row):  # type: ignore[no-untyped-def]  # a kernel: nu
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _kernel(column, row, sigma_column, sigma_row, level_in, rays, lit, R, t, lens, xyz, sigma_z, projector, level):  # type: ignore[no-untyped-def]  # a kernel
+def _kernel(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    column, row, sigma_column, sigma_row, level_in, rays, lit, R, t, lens, least, xyz, sigma_z, projector, level
+):
     fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
     k1, k2, p1, p2, k3 = lens[4], lens[5], lens[6], lens[7], lens[8]
     nan = np.float32(np.nan)
@@ -162,6 +178,10 @@ def _kernel(column, row, sigma_column, sigma_row, level_in, rays, lit, R, t, len
                     guess_c = fx * (px * radial + 2 * p1 * px * py + p2 * (r2 + 2 * px * px)) + cx
                 if not has_r:
                     guess_r = fy * (py * radial + p1 * (r2 + 2 * py * py) + 2 * p2 * px * py) + cy
+            if not (has_c and has_r):
+                known, missing = (ax, ay) if has_c else (ay, ax)
+                if known * known < least * least * (known * known + missing * missing):
+                    depth = np.nan
             z = depth * dz + t[2]
             spread = z / np.sqrt(information)
             if has_c and has_r:

@@ -99,18 +99,6 @@ def test_a_scan_that_cannot_be_registered_is_kept_flagged_and_measures_nothing(g
     assert result.tick.events[0].kind == "rejected"
 
 
-def test_one_wild_cell_costs_no_scan() -> None:
-    scan = scan_at(0, relief())
-    scan.height[5, 5], scan.sigma[5, 5] = 40.0, 0.003
-    scan.height[6, 6], scan.sigma[6, 6] = 0.1, 5.0
-    kept = module._without_wild_cells(scan)
-    gone = ~np.isfinite(kept.height)
-    assert np.argwhere(gone).tolist() == [[5, 5], [6, 6]]
-    assert np.isnan(kept.sigma[gone]).all()
-    assert (kept.level[gone] == LEVEL_NONE).all()
-    assert np.array_equal(kept.height[~gone], scan.height[~gone])
-
-
 def test_frames_are_kept_only_where_the_campaign_retains_them(gives: list[Scan]) -> None:
     gives.extend([scan_at(0, relief()), scan_at(0, relief())])
     assert visit(FRAMES, RECIPE, None, T0).tick.frames is None

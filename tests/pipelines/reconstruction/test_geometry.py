@@ -11,8 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pipelines import Grid, PointMap, Scan, parse_instant
+from pipelines import LEVEL_NONE, Grid, PointMap, Scan, parse_instant
 from pipelines.reconstruction import Calibration, Decoded, footprint_grid, to_scan, triangulate
+from pipelines.reconstruction.clean import reject_mixed
 from pipelines.reconstruction.gridding import round_125
 
 from .exact_rig import Floats, make_rig, see
@@ -91,6 +92,18 @@ def test_rays_that_pass_each_other_are_rejected() -> None:
     assert found.valid[130:150, 200:260].all()
 
 
+def test_a_pixel_that_lost_the_axis_of_the_parallax_is_rejected() -> None:
+    rig, decoded, _ = seen("flat")
+    column, row = decoded.column.copy(), decoded.row.copy()
+    column[100:120, 200:260] = np.nan  # what is left lies in planes that hold the camera's ray, nearly
+    row[200:220, 200:260] = np.nan
+    found = triangulate(replace(decoded, column=column, row=row), rig)
+    assert not found.valid[100:120, 200:260].any()
+    assert (found.level[100:120, 200:260] == LEVEL_NONE).all()
+    assert found.valid[200:220, 200:260].all()
+    assert found.valid[130:150, 200:260].all()
+
+
 def test_images_of_another_size_are_refused() -> None:
     _, decoded, _ = seen("flat")
     with pytest.raises(ValueError, match="images of 640x400, but the calibration is for 320x200"):
@@ -131,8 +144,8 @@ def test_a_tilted_plane_stays_that_plane() -> None:
     error = scan.height - tilted(x, y)
     inner = np.isfinite(error)
     assert inner.mean() > 0.9
-    assert np.abs(error[inner].mean()) < 1e-4
-    assert np.abs(error[inner]).max() < 0.3 * 0.02 + 0.2 * 0.02 + 1e-3  # points anywhere in their cell
+    assert np.abs(error[inner].mean()) < 1e-6
+    assert np.abs(error[inner]).max() < 1.5e-4  # 0.5 % of what half a cell of this slope makes
     assert (scan.texture[inner] == 200).all()
     assert (scan.level[inner] == 0).all()
     assert (scan.level[~inner] == 255).all()
@@ -193,6 +206,32 @@ def test_a_background_that_stands_apart_is_removed_and_a_wide_crack_is_not() -> 
     crack = depth.copy()
     crack[:, 200:209] += 8.0
     assert (heights_of(crack) < -7).sum() > 100
+
+
+def test_points_that_tell_nothing_cost_no_scan() -> None:
+    depth = np.full((200, 200), 50.0)
+    points = cloud(depth)
+    points.sigma_z[40:60, 40:60] = 2.0  # mm, of a field of 5: far off, and it says so
+    points.xyz[40:60, 40:60, 2] += 40.0
+    rig = make_rig((200, 200))
+    scan = to_scan(points, rig, Grid(300, 400, 0.05, -10.0, -7.5), NOON, remove_background=False)
+    assert np.nanmin(scan.height) > -0.001
+    assert np.nanmax(scan.sigma) < 0.01
+
+
+def test_pixels_that_see_two_surfaces_are_told_from_edges() -> None:
+    depth = np.full((120, 160), 50.0)
+    depth[:, 80:] += 1.5
+    sharp = cloud(depth)
+    assert not reject_mixed(sharp).any()  # an edge is no mixture
+    depth[:, 80] = 50.0 + np.random.default_rng(2).uniform(0.2, 1.3, 120)
+    mixed = reject_mixed(cloud(depth))
+    assert mixed[:, 80].mean() > 0.9
+    mixed[:, 80] = False
+    assert not mixed.any()
+    sheet = np.full((120, 160), np.nan)
+    sheet[60:62] = 50.0  # a leg two pixels thick
+    assert not reject_mixed(cloud(sheet))[:, 2:-2].any()
 
 
 def test_lone_points_are_removed() -> None:
