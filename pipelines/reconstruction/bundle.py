@@ -17,6 +17,7 @@ __all__ = [
     "adjust_lens",
     "information",
     "lens_residuals",
+    "rms_px",
     "view_slopes",
 ]
 
@@ -181,6 +182,14 @@ def lens_residuals(solution: Solution, corners: Corners) -> tuple[Floats, Floats
     everything = replace(corners, use=np.ones(len(corners.pose), dtype=bool))
     flat = _pair(everything, (1.0, 1.0)).errors(solution.packed())
     return flat[0], flat[1]
+
+
+def rms_px(solution: Solution, corners: Corners, use: npt.NDArray[np.bool_]) -> tuple[float, float, float]:
+    """Root mean square distances in px as OpenCV defines them: camera, projector, stereo."""
+    seen, lit = lens_residuals(solution, corners)
+    a = float(np.sqrt((seen[use] ** 2).sum(axis=1).mean()))
+    b = float(np.sqrt((lit[use] ** 2).sum(axis=1).mean()))
+    return a, b, float(np.sqrt((a * a + b * b) / 2))
 
 
 def _used(corners: Corners) -> Corners:

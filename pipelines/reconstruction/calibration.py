@@ -8,19 +8,20 @@ from typing import Literal
 import numpy as np
 
 from .board import Board, CharucoBoard
+from .corner_evidence import MIN_POSES
 from .corner_search import find_board, find_corners
 from .frames import Frames
 from .pinhole import finite
 from .pixel_maps import Decoded
 from .projector_corners import CornerMethod, projector_corners
 from .rig_model import Calibration
-from .stereo_start import PoseCorners, solve
+from .solve import solve
+from .stereo_start import PoseCorners
 from .subpixel import locate
 
 __all__ = ["MIN_POSES", "Mirrored", "calibrate", "calibrate_decoded", "find_corners"]
 
-MIN_POSES = 3
-Mirrored = Literal["auto", "none", "camera", "projector"]
+Mirrored = Literal["auto", "none", "camera", "projector", "both"]
 
 
 def calibrate(
@@ -61,7 +62,8 @@ def calibrate_decoded(
     """Calibrate a rig from decoded captures of a chessboard.
 
     Corners come from the lit image, their projector positions from the decoded pixels (`method`), and one bundle
-    adjustment finds both lenses, the pose between them and all boards, with outlying corners (5 % at most) rejected.
+    adjustment finds both lenses, the pose between them and all boards. Corners beyond 6 standard deviations are left
+    out and named; a pose that fits none of the others is left out as a whole and says why (`PoseResidual.advice`).
 
     A half turn of the image or of the projector needs no handling: turning a device about its own axis by 180
     degrees is a rotation, and so part of R. Nor does the end that a board was found from: all four ways of counting a
@@ -71,7 +73,8 @@ def calibrate_decoded(
     between them fits all boards; both hypotheses are tried and the one with the lower rms is kept. What cannot be
     known: *which* of the two is mirrored, and whether both are, because a chessboard's lattice looks the same in a
     mirror. With ``mirrored="auto"`` it is then assumed that the camera is the mirrored one, or that neither is;
-    if that is wrong, heights, distances and volumes stay right and the map is seen in a mirror.
+    if that is wrong, heights, distances and volumes stay right and the map is seen in a mirror. The markers of a
+    ChArUco board read in one way only, so with one both devices are known.
 
     Parameters
     ----------
@@ -88,7 +91,7 @@ def calibrate_decoded(
         Name and version of what calibrates.
     method : {"plane", "local"}
         How decoded pixels are carried to the corners; see `projector_corners`.
-    mirrored : {"auto", "none", "camera", "projector"}
+    mirrored : {"auto", "none", "camera", "projector", "both"}
 
     Returns
     -------
@@ -97,7 +100,7 @@ def calibrate_decoded(
     Raises
     ------
     ValueError
-        Fewer than 3 poses, images of different sizes, a board that is not found, or too little decoded on it.
+        Fewer than 3 (good) poses, images of different sizes, a board that is not found, or too little decoded on it.
     """
     labels = list(names) if names is not None else [f"pose {n}" for n in range(len(poses))]
     if len(poses) < MIN_POSES:
@@ -112,7 +115,7 @@ def calibrate_decoded(
                 f"{label}: images of {decoded.column.shape[1]}x{decoded.column.shape[0]}, but {labels[0]} has "
                 f"{shape[1]}x{shape[0]}: take all poses with the same camera settings"
             )
-    seen = []
+    seen, flips = [], []
     for label, decoded in zip(labels, poses, strict=True):
         here = find_board(decoded.texture, board, label)
         lit = projector_corners(decoded, here.corners, here.lattice, method)
@@ -123,5 +126,10 @@ def calibrate_decoded(
                 "is it lit by the projector, and are these the right patterns?"
             )
         points = here.lattice.astype(np.float64) * board.square_mm
-        seen.append(PoseCorners(label, points, here.corners, lit.at))
-    return solve(seen, (shape[1], shape[0]), projector_size, board, reference, software, mirrored)
+        seen.append(PoseCorners(label, points, here.corners, lit.at, lit.agreeing))
+        flips.append(here.flipped)
+    if len(set(flips)) > 1:
+        one, other = labels[flips.index(True)], labels[flips.index(False)]
+        raise ValueError(f"{one} shows the board in a mirror, {other} does not: take all poses with the same optics")
+    size = shape[1], shape[0]
+    return solve(seen, size, projector_size, board, reference, software, mirrored, flipped=flips[0])

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Calibration", "Lens", "PoseResidual"]
+__all__ = ["BoardCheck", "Calibration", "CornerResidual", "Lens", "PoseResidual"]
 
 Matrix = npt.NDArray[np.float64]
 
@@ -44,11 +45,26 @@ class Lens:
         return bool(self.K[0, 0] < 0)
 
 
+class CornerResidual(NamedTuple):
+    """One corner: where camera and projector see it, by how much that misses the fit (seen less fitted), px."""
+
+    column: float
+    row: float
+    off_column: float
+    off_row: float
+    projector_column: float | None
+    projector_row: float | None
+    projector_off_column: float | None
+    projector_off_row: float | None
+    used: bool
+
+
 @dataclass(frozen=True, slots=True)
 class PoseResidual:
     """How well one board pose fits: rms in px of camera and projector, corners kept of corners found.
 
     `rejected` names the corners that were left out by where they are in the camera's image, (column, row) px.
+    `advice` is empty for a pose that counts; a bad pose is left out as a whole, and `advice` says why and what to do.
     """
 
     name: str
@@ -57,6 +73,19 @@ class PoseResidual:
     kept: int
     found: int
     rejected: tuple[tuple[float, float], ...] = ()
+    advice: str = ""
+    corners: tuple[CornerResidual, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class BoardCheck:
+    """A board measured in 3D: robust sd of its corners about a plane; mean and sd of its squares' sides; mm."""
+
+    name: str
+    flatness_mm: float
+    square_mm: float
+    square_sd_mm: float
+    squares: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,6 +107,14 @@ class Calibration:
         ``inner_corners`` [columns, rows] and ``square_mm``.
     software : str
         Name and version of what made it.
+    sigma : mapping, optional
+        Standard uncertainties: ``camera`` and ``projector`` (px, and none for the distortion), ``turn_deg`` and
+        ``t_mm`` of the pose between them, ``poses``; ``weak`` names what the corners leave open; ``field`` says what
+        all of it together does to a height map; see `parameter_sigma`.
+    squares : tuple of BoardCheck
+        Each board measured with this calibration in its own pose.
+    held_out : tuple of BoardCheck
+        Each board measured with a calibration from all other poses; empty for fewer than 4 poses.
     """
 
     camera: Lens
@@ -89,6 +126,9 @@ class Calibration:
     poses: tuple[PoseResidual, ...] = ()
     board: Mapping[str, Any] | None = None
     software: str = ""
+    sigma: Mapping[str, Any] | None = None
+    squares: tuple[BoardCheck, ...] = ()
+    held_out: tuple[BoardCheck, ...] = ()
 
     def __post_init__(self) -> None:
         if self.R.shape != (3, 3) or self.t_mm.shape != (3,) or self.reference.shape != (3, 4):
@@ -96,10 +136,9 @@ class Calibration:
 
     @property
     def id(self) -> str:
-        """Content hash: the same numbers give the same id, whoever computed them and when."""
-        numbers = self.as_mapping()
-        for key in ("id", "software", "poses", "rms_px"):
-            numbers.pop(key, None)
+        """Hash of the numbers that place points: the same ones give the same id, whoever computed them and when."""
+        everything = self.as_mapping()
+        numbers = {key: everything[key] for key in ("camera", "projector", "R", "t_mm", "reference", "board")}
         text = json.dumps(numbers, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -120,16 +159,22 @@ class Calibration:
                     "kept": pose.kept,
                     "found": pose.found,
                     "rejected": [list(corner) for corner in pose.rejected],
+                    "advice": pose.advice,
+                    "corners": [list(corner) for corner in pose.corners],
                 }
                 for pose in self.poses
             ],
+            "sigma": dict(self.sigma) if self.sigma is not None else None,
+            "squares": [asdict(check) for check in self.squares],
+            "held_out": [asdict(check) for check in self.held_out],
             "board": dict(self.board) if self.board is not None else None,
             "software": self.software,
         }
 
     def to_json(self) -> str:
         """The text of ``calibration.json``."""
-        return json.dumps({"id": self.id, **self.as_mapping()}, indent=1)
+        text = json.dumps({"id": self.id, **self.as_mapping()}, indent=1, allow_nan=False)
+        return re.sub(r"\[[^][{}\"]*\]", lambda numbers: " ".join(numbers[0].split()), text)  # a row of numbers, a line
 
     @staticmethod
     def from_json(text: str) -> Calibration:
@@ -155,6 +200,9 @@ class Calibration:
                 poses=tuple(_pose(pose) for pose in data.get("poses", ())),
                 board=data.get("board"),
                 software=data.get("software", ""),
+                sigma=data.get("sigma"),
+                squares=tuple(BoardCheck(**check) for check in data.get("squares", ())),
+                held_out=tuple(BoardCheck(**check) for check in data.get("held_out", ())),
             )
         except KeyError as error:
             raise ValueError(f"calibration lacks {error.args[0]!r}") from None
@@ -168,7 +216,8 @@ def _lens_mapping(lens: Lens) -> dict[str, Any]:
 
 def _pose(data: Mapping[str, Any]) -> PoseResidual:
     rejected = tuple((float(column), float(row)) for column, row in data.get("rejected", ()))
-    return PoseResidual(**{**data, "rejected": rejected})
+    corners = tuple(CornerResidual(*corner) for corner in data.get("corners", ()))
+    return PoseResidual(**{**data, "rejected": rejected, "corners": corners})
 
 
 def _lens(data: Mapping[str, Any]) -> Lens:

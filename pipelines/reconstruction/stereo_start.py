@@ -1,64 +1,69 @@
-"""From corners to a calibration: first guesses, mirror hypotheses, outliers, site frame."""
+"""From corners to a first fit: guesses of both lenses, mirror hypotheses, the pose between the devices."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from .board import Board, CharucoBoard
-from .bundle import LENS, Corners, Solution, adjust, adjust_lens, lens_residuals
+from .bundle import Corners, Solution, adjust, adjust_lens, rms_px
 from .pinhole import Floats, finite, fit_homography, plane_pose, rotation, rotation_vector
-from .rig_model import Calibration, Lens, PoseResidual
 
-__all__ = ["PoseCorners", "solve"]
+__all__ = ["PoseCorners", "flat", "start"]
 
-KEEP = 0.95  # at least this share of all corners stays in
 MIRROR_GAIN = 2.0  # a mirror is believed only if it makes the rms this many times smaller
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseCorners:
-    """One pose: corners on the board (n, 2) mm, in the camera (n, 2) px, on the projector (n, 2) px with NaN."""
+    """One pose: corners on the board (n, 2) mm, in the camera (n, 2) px, on the projector (n, 2) px with NaN.
+
+    `agreeing` is the share of the board's decoded pixels that follow one smooth plane.
+    """
 
     name: str
     board: Floats
     camera: Floats
     projector: Floats
+    agreeing: float = 1.0
 
 
-def solve(
-    poses: Sequence[PoseCorners],
-    camera_size: tuple[int, int],
-    projector_size: tuple[int, int],
-    board: Board | CharucoBoard,
-    reference: int,
-    software: str,
-    mirrored: str = "auto",
-) -> Calibration:
-    """Calibrate from corners; parameters as in `calibrate_decoded`."""
-    corners = _flat(poses)
-    sizes = (camera_size, projector_size)
-    camera = _start_lens(corners, corners.camera, camera_size, (0.5,), 0.05)
-    projector = _start_lens(corners, corners.projector, projector_size, (0.5, 0.0, 1.0), 0.5)
-    hypotheses = {"none": (False, False), "camera": (True, False), "projector": (False, True)}
-    tried = ["none", "camera"] if mirrored == "auto" else [mirrored]
+def start(
+    corners: Corners, sizes: tuple[tuple[int, int], tuple[int, int]], mirrors: Sequence[str] = ("none", "camera")
+) -> Solution:
+    """Fit all corners, none left out, from nothing but the corners.
+
+    Parameters
+    ----------
+    corners : Corners
+    sizes : ((int, int), (int, int))
+        Columns and rows of camera and projector.
+    mirrors : sequence of str
+        Which devices may be mirrored: ``none``, ``camera``, ``projector``, ``both``; the first one needs no proof.
+
+    Raises
+    ------
+    ValueError
+        If no lens explains the corners.
+    """
+    camera = _start_lens(corners, corners.camera, sizes[0], (0.5,), 0.05)
+    projector = _start_lens(corners, corners.projector, sizes[1], (0.5, 0.0, 1.0), 0.5)
     best: Solution | None = None
     best_rms = np.inf
-    for name in tried:
-        seen = _mirror(camera) if hypotheses[name][0] else camera
-        lit = _mirror(projector) if hypotheses[name][1] else projector
+    for name in mirrors:
+        seen = _mirror(camera) if name in ("camera", "both") else camera
+        lit = _mirror(projector) if name in ("projector", "both") else projector
         candidate = adjust(corners, _join(seen, lit), sizes, (0.2, 0.3), rounds=25)
-        rms = _rms(candidate, corners, corners.use)[2]
+        rms = rms_px(candidate, corners, corners.use)[2]
         if best is None or rms * MIRROR_GAIN < best_rms:
             best, best_rms = candidate, rms
     assert best is not None
-    corners, best = _refine(corners, best, sizes)
-    return _calibration(poses, corners, best, sizes, board, reference, software)
+    return best
 
 
-def _flat(poses: Sequence[PoseCorners]) -> Corners:
+def flat(poses: Sequence[PoseCorners]) -> Corners:
+    """All corners of some poses, each board about its own centre; those that were not decoded do not count."""
     lit = np.concatenate([pose.projector for pose in poses])
     return Corners(
         pose=np.concatenate([np.full(len(pose.board), n) for n, pose in enumerate(poses)]),
@@ -183,90 +188,3 @@ def _both_tilts(pose: Floats) -> list[tuple[Floats, Floats]]:
     if sine < 1e-9:
         return [(R, t)]
     return [(R, t), (rotation(twist / sine * np.arctan2(sine, cosine)) @ R, t)]
-
-
-def _refine(
-    corners: Corners, solution: Solution, sizes: tuple[tuple[int, int], tuple[int, int]]
-) -> tuple[Corners, Solution]:
-    """Reject outlying corners and adjust again, each device weighted by the noise that it shows."""
-    found = finite(corners.projector)
-    most = int((1 - KEEP) * len(found))  # corners that were not decoded count as lost already
-    for _ in range(4):
-        seen, lit = (np.linalg.norm(error, axis=1) for error in lens_residuals(solution, corners))
-        # The length of a two-dimensional normal error has the median 1.177 sigma.
-        noise = [max(float(np.median(error[found])) / 1.177, 0.01) for error in (seen, lit)]
-        noise = [max(value, 0.25 * max(noise)) for value in noise]
-        worst = np.maximum(seen / noise[0], lit / noise[1])
-        worst[~found] = np.inf
-        use = worst < 4.5
-        lost = np.flatnonzero(~use)
-        if len(lost) > most:  # never throw away more than 5 %: then the worst ones go
-            lost = lost[np.argsort(worst[lost])][len(lost) - most :] if most else lost[:0]
-            use = np.ones_like(use)
-            use[lost] = False
-            use &= found
-        corners = replace(corners, use=use)
-        solution = adjust(corners, solution, sizes, (noise[0], noise[1]))
-    return corners, solution
-
-
-def _rms(solution: Solution, corners: Corners, use: np.ndarray) -> tuple[float, float, float]:
-    """Root mean square distances in px as OpenCV defines them: camera, projector, stereo."""
-    seen, lit = lens_residuals(solution, corners)
-    a = float(np.sqrt((seen[use] ** 2).sum(axis=1).mean()))
-    b = float(np.sqrt((lit[use] ** 2).sum(axis=1).mean()))
-    return a, b, float(np.sqrt((a * a + b * b) / 2))
-
-
-def _calibration(
-    poses: Sequence[PoseCorners],
-    corners: Corners,
-    solution: Solution,
-    sizes: tuple[tuple[int, int], tuple[int, int]],
-    board: Board | CharucoBoard,
-    reference: int,
-    software: str,
-) -> Calibration:
-    residuals = []
-    for n, pose in enumerate(poses):
-        mine = corners.pose == n
-        rms = _rms(solution, corners, corners.use & mine) if (corners.use & mine).any() else (np.nan,) * 3
-        lost = corners.camera[mine & ~corners.use].round(1)
-        rejected = tuple((float(column), float(row)) for column, row in lost)
-        residuals.append(
-            PoseResidual(pose.name, rms[0], rms[1], int((corners.use & mine).sum()), int(mine.sum()), rejected)
-        )
-    total = _rms(solution, corners, corners.use)
-    mirrored = solution.camera[0] < 0
-    return Calibration(
-        camera=_lens(solution.camera, sizes[0]),
-        projector=_lens(solution.projector, sizes[1]),
-        R=rotation(solution.turn),
-        t_mm=solution.shift,
-        reference=site_frame(
-            rotation(solution.pose_turns[reference])[:, 2], solution.pose_shifts[reference], bool(mirrored)
-        ),
-        rms_px={"camera": total[0], "projector": total[1], "stereo": total[2]},
-        poses=tuple(residuals),
-        board=board.as_mapping(),
-        software=software,
-    )
-
-
-def _lens(numbers: Floats, size: tuple[int, int]) -> Lens:
-    fx, fy, cx, cy, k1, k2, p1, p2 = (float(value) for value in numbers[:LENS])
-    return Lens(size, np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]]), np.array([k1, k2, p1, p2, 0.0]))
-
-
-def site_frame(normal: Floats, point: Floats, mirrored: bool) -> Floats:
-    """Camera frame to site frame (3, 4): z along the plane's normal towards the camera, x along the image's +x.
-
-    The origin is where the camera's axis meets the plane through `point` with `normal` (camera frame, mm).
-    """
-    z = -normal if normal[2] > 0 else normal
-    origin = np.array([0.0, 0.0, float(point @ z) / float(z[2])])
-    along = np.array([-1.0 if mirrored else 1.0, 0.0, 0.0])
-    x = along - (along @ z) * z
-    x /= np.linalg.norm(x)
-    R = np.stack([x, np.cross(z, x), z])
-    return np.concatenate([R, (-R @ origin)[:, None]], axis=1)

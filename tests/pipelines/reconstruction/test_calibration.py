@@ -12,7 +12,8 @@ from numpy.testing import assert_allclose
 
 from pipelines.reconstruction import Board, Calibration, Decoded, Lens, calibrate_decoded
 from pipelines.reconstruction.pinhole import Floats, distort, project, rotation, rotation_vector, undistort
-from pipelines.reconstruction.stereo_start import PoseCorners, solve
+from pipelines.reconstruction.solve import solve
+from pipelines.reconstruction.stereo_start import PoseCorners
 
 from .exact_rig import BOARD, board_corners, make_rig
 
@@ -155,13 +156,19 @@ def test_outlying_corners_are_rejected_and_named() -> None:
         assert found.poses[number].rejected == (tuple(poses[number].camera[corner].round(1)),)
 
 
-def test_never_more_than_five_per_cent_are_rejected() -> None:
+def test_rejection_goes_by_evidence_not_to_a_quota() -> None:
     random = np.random.default_rng(3)
     poses = board_corners(make_rig(), noise_px=0.02)
     wild = [replace(pose, projector=pose.projector.copy()) for pose in poses]
     for pose in wild:
-        pose.projector[random.choice(63, 12, replace=False)] += 2.0
-    assert sum(pose.kept for pose in solved(wild).poses) >= 0.95 * 315
+        pose.projector[random.choice(63, 10, replace=False)] += 2.0
+    assert [pose.kept for pose in solved(wild).poses] == [53] * 5
+    # Errors with long tails, nowhere a gross one: nothing to reject.
+    tails = board_corners(make_rig())
+    for pose in tails:
+        pose.camera[:] += 0.05 * random.laplace(size=pose.camera.shape)
+        pose.projector[:] += 0.05 * random.laplace(size=pose.projector.shape)
+    assert sum(pose.kept for pose in solved(tails).poses) >= 0.98 * 315
 
 
 def test_site_frame_is_right_handed_looks_at_the_camera_and_follows_the_reference_pose() -> None:

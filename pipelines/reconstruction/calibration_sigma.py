@@ -1,0 +1,173 @@
+"""How well the corners know each parameter, and what that does to heights over the field."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from .bundle import LENS, Solution, information, view_slopes
+from .corner_evidence import Fit
+from .pinhole import Floats, project, rotation, undistort
+from .rig_model import Lens
+from .site_frame import lens_of, site_frame
+
+__all__ = ["parameter_sigma"]
+
+LENS_NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")
+POINTS = (12, 9)  # of the field, where heights are asked for
+DEPTH = 0.05  # heights above the reference plane that tell the scale, in field widths
+HELD = 0.5  # a parameter that the corners leave this much of its assumed variance is held by the assumption
+WEAK_PX, WEAK_SHARE = 3.0, 0.003  # a principal point or focal length that is less sure than this is named
+
+Sizes = tuple[tuple[int, int], tuple[int, int]]
+
+
+def parameter_sigma(here: Fit, reference: int, sizes: Sizes, names: Sequence[str]) -> dict[str, Any]:
+    """Give the standard uncertainty of each parameter, and of heights.
+
+    The covariance is (J^T J)^-1 s^2 at the minimum, weak priors included, with s^2 the squared errors over their
+    degrees of freedom.
+
+    Parameters
+    ----------
+    here : Fit
+    reference : int
+        The pose whose board heights count from.
+    sizes : ((int, int), (int, int))
+        Columns and rows of camera and projector.
+    names : sequence of str
+        Of the poses.
+
+    Returns
+    -------
+    dict
+        ``camera``, ``projector``: by name (px; none for the distortion). ``turn_deg``, ``t_mm``: camera to projector.
+        ``poses``: name, ``turn_deg``, ``t_mm`` of each board. ``weak``: what the corners leave open, in words.
+        ``field``: ``height_scale_percent``, ``lateral_scale_percent`` and ``bow_um``, the root mean square of what is
+        left of a plane's height error once offset and tilt are taken out, within the box of the image that corners
+        covered; ``bow_image_um`` is the same over the whole image, extrapolated. Standard uncertainties.
+    """
+    normal, variance, held = information(here.corners, here.solution, sizes, here.noise_px)
+    scale = 1 / np.sqrt(np.diag(normal))
+    covariance = np.linalg.inv(normal * np.outer(scale, scale)) * np.outer(scale, scale) * variance
+    sigma = np.sqrt(np.diag(covariance))
+    rig, poses = sigma[: 2 * LENS + 6], sigma[2 * LENS + 6 :].reshape(-1, 6)
+    by_name = [{name: float(v) for name, v in zip(LENS_NAMES, rig[k : k + LENS], strict=True)} for k in (0, LENS)]
+    seen = here.corners.camera[here.corners.use]
+    box = seen.min(axis=0), seen.max(axis=0)
+    field = _field(here.solution, reference, sizes, covariance, box)
+    image = _field(here.solution, reference, sizes, covariance, (np.zeros(2), np.array(sizes[0]) - 1.0))
+    return {
+        "camera": by_name[0],
+        "projector": by_name[1],
+        "turn_deg": np.degrees(rig[2 * LENS : 2 * LENS + 3]).tolist(),
+        "t_mm": rig[2 * LENS + 3 :].tolist(),
+        "poses": [
+            {"name": name, "turn_deg": np.degrees(six[:3]).tolist(), "t_mm": six[3:].tolist()}
+            for name, six in zip(names, poses, strict=True)
+        ],
+        "weak": _weak(here.solution, sigma, held * sigma**2 / variance),
+        "field": {**field, "bow_image_um": image["bow_um"]},
+    }
+
+
+def _weak(solution: Solution, sigma: Floats, share: Floats) -> list[str]:
+    words: list[str] = []
+    for who, lens, first in (("camera", solution.camera, 0), ("projector", solution.projector, LENS)):
+        here, held = sigma[first : first + LENS], share[first : first + LENS]
+        focal = float(max(here[0] / abs(lens[0]), here[1] / abs(lens[1])))
+        if focal > WEAK_SHARE:
+            words.append(f"{who}: focal length known to +-{100 * focal:.2g} %")
+        if max(here[2:4]) > WEAK_PX:
+            words.append(f"{who}: principal point known to +-{here[2]:.2g}, {here[3]:.2g} px")
+        loose = [name for name, part in zip(LENS_NAMES, held, strict=True) if part > HELD]
+        if loose:
+            words.append(f"{who}: {', '.join(loose)} held by what lenses usually are, not by these corners")
+    return words
+
+
+def _field(
+    solution: Solution, reference: int, sizes: Sizes, covariance: Floats, box: tuple[Floats, Floats]
+) -> dict[str, float]:
+    """What the covariance does to a height map of the reference plane, and a little above and below it."""
+    camera, projector = lens_of(solution.camera, sizes[0]), lens_of(solution.projector, sizes[1])
+    frame = _frame(solution, reference)
+    columns, rows = (np.linspace(box[0][axis], box[1][axis], POINTS[axis]) for axis in (0, 1))
+    pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
+    level = _on_plane(camera, frame, pixels, 0.0)
+    R, t = rotation(solution.turn), solution.shift
+    lit = project(projector, level @ R.T + t)
+    both = ((lit >= 0) & (lit <= np.array(sizes[1]) - 1)).all(axis=1)
+    pixels = pixels[both] if both.sum() >= 12 else pixels
+    level = _on_plane(camera, frame, pixels, 0.0) @ frame[:, :3].T + frame[:, 3]
+    height = DEPTH * float(np.ptp(level[:, 0]))
+    slopes = [_site_slopes(solution, reference, camera, frame, pixels, z) for z in (0.0, height, -height)]
+    x, y = (level[:, :2] - level[:, :2].mean(axis=0)).T
+    plane = np.stack([np.ones_like(x), x, y], axis=1)
+    flat = slopes[0][:, 2]
+    bow = flat - plane @ np.linalg.lstsq(plane, flat, rcond=None)[0]
+    rise = (slopes[1][:, 2] - slopes[2][:, 2]).mean(axis=0) / (2 * height)
+    wide = (x[:, None] * slopes[0][:, 0] + y[:, None] * slopes[0][:, 1]).sum(axis=0) / (x * x + y * y).sum()
+
+    def spread(linear: Floats) -> float:
+        return math.sqrt(max(float(linear @ covariance @ linear), 0.0))
+
+    variance = np.einsum("ni,ij,nj->n", bow, covariance, bow)
+    return {
+        "height_scale_percent": 100 * spread(rise),
+        "lateral_scale_percent": 100 * spread(wide),
+        "bow_um": 1000 * float(np.sqrt(variance.mean())),
+    }
+
+
+def _site_slopes(
+    solution: Solution, reference: int, camera: Lens, frame: Floats, pixels: Floats, height: float
+) -> Floats:
+    """Derivatives (n, 3, parameter) of points in the site frame by all parameters, what both devices see held."""
+    points = _on_plane(camera, frame, pixels, height)
+    R = rotation(solution.turn)
+    turned = np.einsum("ij,nj->ni", R, points)
+    seen_lens, seen = view_slopes(solution.camera, points)
+    lit_lens, lit = view_slopes(solution.projector, turned + solution.shift)
+    total = len(solution.packed())
+    by = np.zeros((len(points), 4, total))
+    by[:, :2, :LENS], by[:, 2:, LENS : 2 * LENS] = seen_lens, lit_lens
+    nudge = 1e-6
+    for k in range(3):
+        turn = solution.turn.copy()
+        turn[k] += nudge
+        moved = np.einsum("ij,nj->ni", rotation(turn), points)
+        by[:, 2:, 2 * LENS + k] = np.einsum("nij,nj->ni", lit, (moved - turned) / nudge)
+    by[:, 2:, 2 * LENS + 3 : 2 * LENS + 6] = lit
+    A = np.concatenate([seen, np.einsum("nij,jk->nik", lit, R)], axis=1)
+    weight = np.array([1e4, 1e4, 1.0, 1.0])[:, None]  # the point stays on the camera's ray
+    moves = -np.stack([np.linalg.lstsq(a * weight, b * weight, rcond=None)[0] for a, b in zip(A, by, strict=True)])
+    slopes: Floats = np.einsum("ij,njk->nik", frame[:, :3], moves)
+    first = 2 * LENS + 6 + 6 * reference
+    packed = solution.packed()
+    for k in range(first, first + 6):  # heights count from this board: it moves, and with it the frame
+        step = 1e-6 * max(1.0, abs(float(packed[k])))
+        ahead, behind = packed.copy(), packed.copy()
+        ahead[k] += step
+        behind[k] -= step
+        change = (_frame(Solution.unpacked(ahead), reference) - _frame(Solution.unpacked(behind), reference)) / (
+            2 * step
+        )
+        slopes[:, :, k] += points @ change[:, :3].T + change[:, 3]
+    return slopes
+
+
+def _frame(solution: Solution, reference: int) -> Floats:
+    normal, point = rotation(solution.pose_turns[reference])[:, 2], solution.pose_shifts[reference]
+    return site_frame(normal, point, bool(solution.camera[0] < 0))
+
+
+def _on_plane(camera: Lens, frame: Floats, pixels: Floats, height: float) -> Floats:
+    """Points (n, 3), camera frame, where the camera's rays meet the plane at this height."""
+    ray = np.concatenate([undistort(camera, pixels), np.ones((len(pixels), 1))], axis=1)
+    up = frame[2]
+    points: Floats = ray * ((height - up[3]) / (ray @ up[:3]))[:, None]
+    return points
