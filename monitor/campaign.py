@@ -19,24 +19,27 @@ from storage import Ledger, LedgerRow, Store, create_store, ledger_beside, open_
 from . import __version__
 from .clock import Clock
 from .loop import Loop, Outcome, Settled
-from .rigs import BOARD, Rig, calibration_captures, make_rig
+from .rigs import BOARD, Rig, calibration_captures, make_rig, rig_options
 from .scheduler import OnceSlots, Slots, grace_of, make_slots
-from .visit import Epoch, Recipe, Yield, failed_tick, visit
+from .visit import Epoch, Recipe, Yield, visit
+from .warm_up import warm_up
 
 __all__ = [
     "campaign_hash",
     "make_recipe",
     "read_calibration",
     "read_pattern_set",
-    "reconcile",
     "resume_point",
     "resume_slots",
+    "rig_of",
     "run_campaign",
     "simulated_calibration_file",
 ]
 
-INTERRUPTED = "the process ended during this scan"
 NANOSECOND = np.timedelta64(1, "ns")
+
+UNHURRIED_S = 60.0
+"""Visits this far apart have time to load and compile what they need; closer ones must find it ready."""
 
 
 def run_campaign(
@@ -101,8 +104,8 @@ def run_campaign(
     tell = on_stage or (lambda what: None)
     with ExitStack() as stack:
         patterns = read_pattern_set(campaign)
-        if rig is None:
-            rig = make_rig(campaign.rig.name, campaign.rig.options)
+        handed = rig is not None
+        rig = rig_of(campaign) if rig is None else rig
         if now or campaign.schedule.video is not None:
             clock = clock.steady()
         calibration = read_calibration(campaign, patterns, clock.now(), tell)
@@ -115,12 +118,20 @@ def run_campaign(
         if ledger is None:
             ledger = Ledger(ledger_beside(campaign.store.path))
             stack.callback(ledger.close)
-        reconcile(ledger, store)
+        ledger.reconcile(store)
+        recipe = make_recipe(campaign, patterns, calibration, _grid_of(store))
+        if not (handed or now) and _hurried(campaign):
+            tell("warming up")
+            _warm_up(rig, campaign, recipe, clock.now(), work, tell)
+            rig.close()
+            rig = rig_of(campaign)  # a fresh one: what the other captured, and how often, does not count
+            rig.open()
+            stack.callback(rig.close)
         slots, last = resume_slots(campaign, ledger.rows(), clock.now(), now)
         loop = Loop(
             slots,
             lambda slot: grace_of(campaign, slots, slot),
-            make_recipe(campaign, patterns, calibration, _grid_of(store)),
+            recipe,
             rig,
             store,
             ledger,
@@ -218,27 +229,43 @@ def campaign_hash(campaign: Campaign, patterns: PatternSet) -> str:
     return _hash({**settings, "patterns": patterns.as_mapping()})
 
 
-def reconcile(ledger: Ledger, store: Store) -> None:
-    """Settle what a killed process left open: a slot whose scan is in the store was taken, any other was missed."""
-    pending = [row.planned for row in ledger.rows() if row.state == "planned"]
-    if not pending:
-        return
-    kept = {}
-    for number in range(len(store) - 1, -1, -1):
-        stored = store[number]
-        kept[stored.planned] = stored
-        if stored.planned <= min(pending):
-            break
-    for planned in pending:
-        if planned not in kept:
-            store.append(failed_tick(planned, planned, "missed", f"missed {format_instant(planned)}: {INTERRUPTED}"))
-            ledger.settle(planned, "missed", INTERRUPTED)
-            continue
-        change = kept[planned].change
-        if change is not None and change.motion.verdict == "failed":
-            ledger.settle(planned, "rejected", f"registration failed: {change.motion.reason}", kept[planned].number)
-        else:
-            ledger.settle(planned, "taken", scan=kept[planned].number)
+def rig_of(campaign: Campaign) -> Rig:
+    """Make a campaign's rig; a scene that ages goes on from the first scan of the store, however often it is restarted.
+
+    Such a rig has an option `started`; what the campaign gives there goes before.
+    """
+    options, path = dict(campaign.rig.options), campaign.store.path
+    if "started" in rig_options(campaign.rig.name) and options.get("started") is None and path.exists():
+        store = open_store(path)
+        try:
+            if len(store):
+                options["started"] = format_instant(store[0].scan.time)
+        finally:
+            store.close()
+    return make_rig(campaign.rig.name, options)
+
+
+def _hurried(campaign: Campaign) -> bool:
+    every = campaign.schedule.every
+    return campaign.schedule.video is not None or (every is not None and every.total_seconds() < UNHURRIED_S)
+
+
+def _warm_up(
+    rig: Rig,
+    campaign: Campaign,
+    recipe: Recipe,
+    at: Instant,
+    work: Callable[[Frames, Recipe, Epoch | None, Instant], Yield],
+    tell: Callable[[str], None],
+) -> None:
+    """Warm up; a recording begins without, rather than not at all."""
+    from pipelines.change import METRICS
+
+    units = {name: METRICS[name].unit for name in campaign.metrics}
+    try:
+        warm_up(rig, recipe, units, campaign.store.kind, at, work)
+    except Exception as error:  # noqa: BLE001 - what fails here fails in the visits too, and is recorded there
+        tell(f"not warmed up, the first scans may be late: {type(error).__name__}: {error}")
 
 
 def resume_point(campaign: Campaign, now: Instant) -> tuple[Slots, Instant]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
 from threading import Event as Flag
@@ -42,14 +42,19 @@ class LedgerLike(Protocol):
         """Note how a slot ended, and with which scan; one that was never worked on need not be planned before."""
         ...
 
+    def settle_all(self, planned: Sequence[Instant], state: State, cause: str = "") -> None:
+        """Note at once how many slots ended that nobody worked on."""
+        ...
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Settled:
-    """How one slot ended.
+    """How one slot ended, or several in a row that were missed for one cause.
 
     Parameters
     ----------
     planned : Instant
+        The slot; of several, the newest.
     state : {"taken", "missed", "rejected", "failed"}
     cause : str
     number : int or None
@@ -62,6 +67,10 @@ class Settled:
         How long after the slot the visit began; NaN for a missed slot.
     took_s : float
         From there until the scan was durable, by the campaign's clock; NaN for a missed slot.
+    count : int
+        How many slots.
+    first : Instant or None
+        Of several, the oldest.
     """
 
     planned: Instant
@@ -72,6 +81,14 @@ class Settled:
     unavailable: bool = False
     lag_s: float = float("nan")
     took_s: float = float("nan")
+    count: int = 1
+    first: Instant | None = None
+
+    @property
+    def told(self) -> str:
+        """Which slots were missed, in words: ``missed 4 slots, FIRST to LAST: cause``."""
+        span = " to ".join(dict.fromkeys((format_instant(self.first or self.planned), format_instant(self.planned))))
+        return f"{self.state} {self.count} {'slot' if self.count == 1 else 'slots'}, {span}: {self.cause}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,16 +216,13 @@ class Loop:
 
     def _miss(self, missed: list[Instant], cause: str, now: Instant) -> None:
         """Record missed slots: a row each in the ledger, one event for all of them in the store."""
-        for planned in missed:
-            self.ledger.settle(planned, "missed", cause)
+        self.ledger.settle_all(missed, "missed", cause)
         self.last = missed[-1]
         if cause == NOT_RUNNING:
             self._away += len(missed)
-        span = " to ".join(dict.fromkeys((format_instant(missed[0]), format_instant(missed[-1]))))
-        text = f"missed {len(missed)} {'slot' if len(missed) == 1 else 'slots'}, {span}: {cause}"
-        self._append(failed_tick(missed[-1], now, "missed", text))
-        for planned in missed:
-            self._tell(Settled(planned, "missed", cause))
+        gap = Settled(missed[-1], "missed", cause, count=len(missed), first=missed[0])
+        self._append(failed_tick(missed[-1], now, "missed", gap.told))
+        self._tell(gap)
 
     def _visit(self, planned: Instant) -> None:
         """Make one visit; whatever goes wrong in it is recorded, and the campaign goes on."""
@@ -272,7 +286,7 @@ class Loop:
             self._epoch = Epoch(self._epoch.baseline, tick.alarms)
 
     def _tell(self, settled: Settled) -> None:
-        self._counts[settled.state] += 1
+        self._counts[settled.state] += settled.count
         self.on_settled(settled)
 
     def _close_rig(self) -> None:

@@ -152,7 +152,12 @@ def make_slots(campaign: Campaign, anchor: Instant) -> Slots:
 
 
 def grace_of(campaign: Campaign, slots: Slots, slot: Instant) -> float:
-    """Give how late the visit of `slot` may begin, s: the campaign's grace, or half the time to the next slot."""
+    """Give how late the visit of `slot` may begin, s: the campaign's grace, or half the time to the next slot.
+
+    In video it is all of that time: after a scan that took too long the next begins at once, instead of a scan less.
+    """
+    if campaign.schedule.video is not None:
+        return 1 / campaign.schedule.video.rate_hz
     if campaign.schedule.grace is not None:
         return campaign.schedule.grace.total_seconds()
     following = slots.after(slot)

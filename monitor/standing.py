@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
-import os
 import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -15,7 +13,7 @@ import numpy as np
 from configs import Campaign, ConfigError, StoreError, parse_campaign
 from pipelines import AlarmState, Instant, as_datetime, format_instant, instant
 from pipelines.trends import worst_state
-from storage import Ledger, LedgerRow, Store, ledger_beside, open_store
+from storage import Ledger, LedgerRow, Store, ledger_beside, open_store, writer_of
 
 from .campaign import resume_slots
 from .clock import seconds_between
@@ -29,8 +27,6 @@ RECENT = 28
 
 MANY = 100_000
 """Overdue slots are counted up to here."""
-
-LOCK = "writer.lock"
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +108,7 @@ def look(path: Path, now: Instant, campaign: Campaign | None = None) -> Standing
     rows = _rows(path)
     counts = {state: sum(row.state == state for row in rows) for state in ("missed", "rejected", "failed")}
     newest = store[-1] if len(store) else None
-    running = _held(path / LOCK)
+    running = writer_of(path) is not None
     coming, overdue = _due(campaign, rows, now, running=running, ended=_ended(store))
     alarms = dict(newest.alarms) if newest is not None else {}
     state, why = _judge(rows, alarms, overdue, empty=newest is None)
@@ -200,21 +196,6 @@ def _disk(path: Path, store: Store, now: Instant) -> tuple[int, int, Instant | N
     if not 0 < left < 100 * 365 * 86400:
         return used, free, None
     return used, free, instant(as_datetime(now + np.timedelta64(round(left), "s")))
-
-
-def _held(file: Path) -> bool:
-    """Whether a process holds a lock file."""
-    try:
-        descriptor = os.open(file, os.O_RDONLY)
-    except OSError:
-        return False
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except OSError:
-        return True
-    finally:
-        os.close(descriptor)
-    return False
 
 
 def is_store(path: Path) -> bool:

@@ -1,4 +1,4 @@
-"""System libraries that compiled packages and the Rerun viewer need: which is missing, and the command that installs it."""
+"""System libraries that compiled packages and the Rerun viewer need: which is missing, and what installs it."""
 
 from __future__ import annotations
 

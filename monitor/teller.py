@@ -73,6 +73,8 @@ class Teller:
             if settled.state == "rejected":
                 line += f" rejected: {settled.cause}"
             self.say(line)
+        elif settled.count > 1:
+            self.say(settled.told)
         else:
             self.say(f"{settled.state} {format_instant(settled.planned)}: {settled.cause}")
         for event in settled.tick.events if settled.tick is not None else ():

@@ -22,6 +22,7 @@ from pipelines import (
     PatternSet,
     Scan,
     Tick,
+    with_uncertainty,
 )
 
 if TYPE_CHECKING:
@@ -183,6 +184,12 @@ def _alarm_events(
         old, new = before.get(alarm.name, "ok"), states[alarm.name]
         if new != old:
             value = metrics.get(alarm.metric)
-            told = f", {alarm.metric} {value.value:.4g} ± {value.sigma:.2g}" if value is not None else ""
+            told = f", {alarm.metric.replace('_', ' ')} {_with_unit(alarm.metric, value)}" if value is not None else ""
             events.append(Event(time, "alarm", f"{alarm.name}: {old} -> {new}{told}"))
     return tuple(events)
+
+
+def _with_unit(metric: str, measurement: Measurement) -> str:
+    from pipelines.change import METRICS
+
+    return with_uncertainty(measurement, METRICS[metric].unit)

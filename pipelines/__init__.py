@@ -8,6 +8,7 @@ with closed-form truth. Each room's ``__init__`` is a front door, as this one is
 from .change import Change, Comparison, Measurement, Metric, Motion
 from .grid import Grid
 from .instant import Instant, as_datetime, format_instant, instant, parse_instant
+from .quantities import MINUS, NOT_MEASURED_TEXT, plain, unit_text, with_uncertainty
 from .reconstruction import Calibration, Decoded, Frames, Lens, PatternSet, PointMap
 from .scan import LEVEL_NONE, Scan
 from .tick import Event, Tick
@@ -16,6 +17,8 @@ from .trends import ALARM_STATES, AlarmState
 __all__ = [
     "ALARM_STATES",
     "LEVEL_NONE",
+    "MINUS",
+    "NOT_MEASURED_TEXT",
     "AlarmState",
     "Calibration",
     "Change",
@@ -37,4 +40,7 @@ __all__ = [
     "format_instant",
     "instant",
     "parse_instant",
+    "plain",
+    "unit_text",
+    "with_uncertainty",
 ]

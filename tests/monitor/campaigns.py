@@ -23,6 +23,8 @@ from pipelines import Calibration, Frames, Instant, Lens, Scan, Tick, instant
 CAMERA = Lens((16, 12), np.array([[1000.0, 0, 8], [0, 1000, 6], [0, 0, 1]]), np.zeros(5))
 PROJECTOR = Lens((16, 16), np.array([[300.0, 0, 8], [0, 300, 8], [0, 0, 1]]), np.zeros(5))
 REFERENCE = np.array([[1.0, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 100]])
+HOLDER = [[[x - 0.95, -5.2], [x + 0.95, -5.2], [x + 0.95, 5.2], [x - 0.95, 5.2]] for x in (-6.25, 6.25)]
+SOIL = [[-4.6, -4.6], [4.6, -4.6], [4.6, 4.6], [-4.6, 4.6]]
 BASE = datetime(2026, 1, 1, tzinfo=UTC)
 
 
@@ -77,15 +79,18 @@ def campaign_in(
 
 
 def simulated_campaign_in(folder: Path, until: str) -> Campaign:
-    """Make a campaign on the simulated rig with a small camera, which calibrates itself."""
+    """Make a campaign on the simulated rig with a small camera, which calibrates itself; its soil dries fast."""
     return Campaign.model_validate(
         {
             "site": {"name": "simulated"},
             "store": {"path": "site.icechunk"},
-            "rig": {"name": "simulated", "options": {"camera": [480, 360], "started": BASE.isoformat()}},
+            "rig": {"name": "simulated", "options": {"camera": [480, 360], "pace": 6}},
             "schedule": {"every": "1 h", "start": BASE.isoformat(), "until": until},
             "calibration": {"simulated": True},
             "grid": {"pitch_mm": 0.05},
+            "register": {"stable_mm": HOLDER},
+            "region_mm": SOIL,
+            "metrics": ["net_volume", "gained_volume"],
         },
         context={"folder": folder},
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -99,6 +99,10 @@ class FakeLedger:
         assert state == "missed" or planned in self.slots, f"{planned} settled without a plan"
         assert self.slots.get(planned, ("planned",))[0] == "planned", f"{planned} settled twice"
         self.slots[planned] = (state, cause)
+
+    def settle_all(self, planned: Sequence[Instant], state: State, cause: str = "") -> None:
+        for slot in planned:
+            self.settle(slot, state, cause)
 
     def states(self) -> list[str]:
         return [self.slots[planned][0] for planned in sorted(self.slots)]

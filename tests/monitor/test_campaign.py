@@ -15,11 +15,12 @@ import numpy as np
 import pytest
 
 from configs import InputError, StoreError
-from monitor.campaign import INTERRUPTED, reconcile, run_campaign
+from monitor.campaign import run_campaign
 from monitor.clock import AcceleratedClock
 from monitor.loop import BEGAN, ENDED, Settled
 from pipelines import instant
 from storage import Ledger, ledger_beside, open_store
+from storage.ledger import INTERRUPTED
 
 from .campaigns import BASE, Rig, campaign_in, work
 
@@ -103,7 +104,7 @@ def test_a_kill_during_a_scan_is_recorded_as_missed(tmp_path: Path) -> None:
     ledger = Ledger(where)
     ledger.plan(T0 + 2 * HOUR)
     store = open_store(tmp_path / "site.icechunk", write=True)
-    reconcile(ledger, store)
+    ledger.reconcile(store)
     row = ledger.last()
     assert row is not None
     assert (row.state, row.cause) == ("missed", INTERRUPTED)
@@ -258,6 +259,8 @@ def test_kill_9_in_a_campaign_of_the_simulated_rig(start: Start, tmp_path: Path)
     series = open_store(tmp_path / "site.icechunk").series()
     assert list(series["scan"]) == list(range(len(stored)))
     assert series["net_volume"].notna().tolist() == [False] + [True] * (len(stored) - 1)
+    lifted = series["gained_volume"].to_numpy()[1:]
+    assert (np.diff(lifted) > 0.1).all(), f"the soil goes on drying where it was, it is not wet again: {lifted}"
 
 
 @pytest.mark.soak

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from datetime import UTC, datetime, timedelta
 from fractions import Fraction
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from configs import InputError
-from monitor.scheduler import CronSlots, IntervalSlots, Slots, VideoSlots, check_cron, slots_between
+from monitor.scheduler import CronSlots, IntervalSlots, Slots, VideoSlots, check_cron, grace_of, slots_between
 from pipelines import Instant, as_datetime, format_instant, instant, parse_instant
 
 T0 = parse_instant("2026-01-01T00:00:00Z")
@@ -128,3 +129,15 @@ def test_cron_starts_and_ends() -> None:
     slots = CronSlots("0 * * * *", "UTC", datetime(2026, 1, 2, tzinfo=UTC), datetime(2026, 1, 2, 2, tzinfo=UTC))
     found = list(slots_between(slots, T0, T0 + np.timedelta64(30, "D")))
     assert found == [instant(datetime(2026, 1, 2, hour, tzinfo=UTC)) for hour in range(3)]
+
+
+def test_video_takes_the_newest_slot_however_late(tmp_path: Path) -> None:
+    """After a scan that took 1.9 periods the next begins at once; it is 0.9 periods late, and says so."""
+    from .campaigns import campaign_in
+
+    campaign = campaign_in(tmp_path)
+    schedule = campaign.schedule.model_validate({"video": {"rate_hz": 4}})
+    slots = VideoSlots(T0, 4)
+    assert grace_of(campaign.model_copy(update={"schedule": schedule}), slots, T0) == 0.25
+    hourly = IntervalSlots(T0, timedelta(hours=1))
+    assert grace_of(campaign, hourly, T0) == 900

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -72,7 +73,10 @@ def test_a_loss_is_measured_and_alarms_once(gives: list[Scan]) -> None:
     first = visit(FRAMES, RECIPE, Epoch(scan_at(0, relief()), {"erosion": "ok"}), after(60))
     assert first.tick.metrics["lost_volume"].value == pytest.approx(2.0, rel=0.02)
     assert first.tick.alarms == {"erosion": "alarm"}
-    assert [event.text.split(",")[0] for event in first.tick.events] == ["erosion: ok -> alarm"]
+    (told,) = first.tick.events
+    assert re.fullmatch(r"erosion: ok -> alarm, lost volume (\d\.\d+) ± (0\.0*[1-9]\d) mm³", told.text), told.text
+    value, _, sigma = told.text.split(" ")[-4:-1]
+    assert len(value.partition(".")[2]) == len(sigma.partition(".")[2]), "as many decimals as its uncertainty"
     second = visit(FRAMES, RECIPE, Epoch(scan_at(0, relief()), first.tick.alarms), after(120))
     assert second.tick.events == (), "an alarm that stays is no event"
 

@@ -1,0 +1,75 @@
+"""Warming up: the whole chain, twice, on captures that count for nothing, so that no slot waits for a compiler."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import closing
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from configs import CaptureError
+from pipelines import Frames, Instant
+from storage import create_store
+
+from .rigs import Rig
+from .visit import Epoch, Recipe, Yield
+
+__all__ = ["warm_up"]
+
+SECOND = np.timedelta64(10**9, "ns")
+
+
+def warm_up(
+    rig: Rig,
+    recipe: Recipe,
+    units: Mapping[str, str],
+    kind: str,
+    at: Instant,
+    work: Callable[[Frames, Recipe, Epoch | None, Instant], Yield],
+) -> None:
+    """Capture, reconstruct, compare, measure and commit to a store that is thrown away.
+
+    A fresh clone compiles its kernels here, for some 20 s; later starts load them from numba's cache.
+
+    Parameters
+    ----------
+    rig : Rig
+        Open, and a spare one: what it captures, and how often, must not count.
+    recipe : Recipe
+    units : mapping of str to str
+        Of the metrics.
+    kind : str
+        Of the campaign's store.
+    at : Instant
+    work : callable
+        What makes a tick of a capture.
+
+    Raises
+    ------
+    CaptureError, DeviceUnavailable, StoreError, ValueError
+        What a visit would raise.
+    """
+    epoch: Epoch | None = None
+    frames: Frames | None = None
+    with TemporaryDirectory(prefix="microrelief-") as folder:
+        made = create_store(Path(folder) / "warm-up", site="", grid=recipe.grid, metrics=units, kind=kind)
+        with closing(made) as store:
+            for moment in (at, at + SECOND):  # the second is compared with the first, as the store gives it back
+                frames = _captured(rig, recipe, moment, frames)
+                tick = work(frames, recipe, epoch, moment).tick
+                number = store.append(tick)
+                if number is None:
+                    return
+                epoch = Epoch(store[number].scan, tick.alarms)
+
+
+def _captured(rig: Rig, recipe: Recipe, at: Instant, before: Frames | None) -> Frames:
+    """Capture; a replay of a single capture shows that once more."""
+    try:
+        return rig.capture(recipe.patterns, at)
+    except CaptureError:
+        if before is None:
+            raise
+        return Frames(before.stack, at, before.patterns, before.exposure_ms)
