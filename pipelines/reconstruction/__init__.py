@@ -10,7 +10,10 @@ from .optics import CHIPS, PAPER_SETUP, Figure, OpticsSetup, conflicts, work_out
 from .patterns import PAPER_STRIPES, FrameRole, PatternSet
 from .pixel_maps import Decoded, PointMap
 from .reconstruct import reconstruct
+from .resolution import ContrastCurve, DepthOfField, Roi, depth_of_field, object_pixel_um, usaf_contrast, usaf_line_um
 from .rig_model import Calibration, Lens, PoseResidual
+from .slanted_edge import edge_contrast, find_edge
+from .stripe_contrast import StripeContrast, stripe_contrast
 from .subpixel import locate, refine
 from .triangulate import triangulate
 
@@ -21,7 +24,9 @@ __all__ = [
     "Board",
     "Calibration",
     "CharucoBoard",
+    "ContrastCurve",
     "Decoded",
+    "DepthOfField",
     "Figure",
     "FrameRole",
     "Frames",
@@ -30,16 +35,25 @@ __all__ = [
     "PatternSet",
     "PointMap",
     "PoseResidual",
+    "Roi",
+    "StripeContrast",
     "calibrate",
     "calibrate_decoded",
     "conflicts",
     "decode",
+    "depth_of_field",
+    "edge_contrast",
+    "find_edge",
     "footprint_grid",
     "locate",
+    "object_pixel_um",
     "reconstruct",
     "refine",
+    "stripe_contrast",
     "suggest_order",
     "to_scan",
     "triangulate",
+    "usaf_contrast",
+    "usaf_line_um",
     "work_out",
 ]
