@@ -14,14 +14,14 @@ __all__ = ["background_border", "reject_mixed", "remove_lone"]
 Mask = npt.NDArray[np.bool_]
 
 NEIGHBOURS = 6  # of the 24 around a pixel must lie on its surface
-SLOPE = 3.0  # neighbours on one surface differ by less than this many times their distance
+SLOPE = np.float32(3)  # neighbours on one surface differ by less than this many times their distance
 APART = 4.0  # two modes are well separated if the empty band between them is this many times their spreads
 FAR = 0.25  # of the shorter side of the field of view; the paper's rig is sharp within 0.3 of it to either side
 WIDE = 0.03  # a background is wider than this share of the image; a crack's floor is not
 SAMPLES = 20_000
 SUPPORT = 2  # of the eight directions must lead on to a point
-STANDARD = 4.0  # standard uncertainties that two points of one surface may differ by
-BEND = 1.0  # and as much as a slope of so much that begins between them
+STANDARD = np.float32(4)  # standard uncertainties that two points of one surface may differ by
+BEND = np.float32(1)  # and as much as a slope of so much that begins between them
 
 
 def reject_mixed(points: PointMap) -> Mask:

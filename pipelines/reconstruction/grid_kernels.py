@@ -100,6 +100,7 @@ def fill(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     level_in,
     gap,
     pitch,
+    shared,
     height,
     sigma,
     texture,
@@ -113,7 +114,7 @@ def fill(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     start, size = first * columns, (last - first) * columns
     # weight, weighted height, offsets and slopes; then lowest and highest point
     total = np.zeros((size, 8), np.float32)
-    count, bright = np.zeros(size, np.uint16), np.zeros(size, np.uint32)
+    count, bright, deepest = np.zeros(size, np.uint16), np.zeros(size, np.uint32), np.zeros(size, np.uint8)
     for n in range(size):
         total[n, 6], total[n, 7] = np.inf, -np.inf
     for i in range(H):
@@ -124,26 +125,29 @@ def fill(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
                     total[n, 6] = min(total[n, 6], above[i, j])
                     total[n, 7] = max(total[n, 7], above[i, j])
                     _add(total, count, bright, n, i, j, above, offset, slope, sigma_z, texture_in)
-                    row, column = first + n // columns, n % columns
-                    deep = level_in[i, j]
-                    level[row, column] = deep if level[row, column] == LEVEL_NONE else max(level[row, column], deep)
+                    deepest[n] = max(deepest[n], level_in[i, j])
     two = 0
     for n in range(size):
         if total[n, 7] - total[n, 6] > gap:
             two += 1
     if two > 0:
         _choose(cell, above, offset, slope, reach, sigma_z, texture_in, gap, total, count, bright, start, columns)
-    for n in range(size):
-        row, column = first + n // columns, n % columns
-        if count[n] == 0:
-            height[row, column], sigma[row, column] = np.nan, np.nan
-        else:
-            w = total[n, 0]
-            mean = total[n, 1] / w
-            moved = (total[n, 2] * total[n, 4] + total[n, 3] * total[n, 5]) * (pitch / (w * w * 254 * FINE))
-            height[row, column] = mean - moved
-            sigma[row, column] = 1.0 / np.sqrt(w)
-            texture[row, column] = bright[n] // count[n]
+    apart = np.float32(shared)
+    nan, unit = np.float32(np.nan), np.float32(pitch / (254 * FINE))
+    for row in range(first, last):
+        for column in range(columns):
+            n = row * columns + column - start
+            if count[n] == 0:
+                height[row, column], sigma[row, column] = nan, nan
+                texture[row, column], level[row, column] = 0, LEVEL_NONE
+            else:
+                share = np.float32(1) / total[n, 0]
+                moved = (total[n, 2] * total[n, 4] + total[n, 3] * total[n, 5]) * (unit * share * share)
+                height[row, column] = total[n, 1] * share - moved
+                worth = np.float32(1) + (np.sqrt(np.float32(count[n])) - np.float32(1)) / apart
+                sigma[row, column] = np.sqrt(share * np.float32(count[n])) / worth
+                texture[row, column] = bright[n] // count[n]
+                level[row, column] = deepest[n]
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -188,15 +192,14 @@ def _choose(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
 def bridge(source, height, sigma, texture, level, gap, first, last):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     """Fill single empty cells between two opposite measured ones of the same surface."""
     rows, columns = source.shape
-    steps = ((0, 1), (1, 0), (1, 1), (1, -1))
     for row in range(first, last):
         for column in range(columns):
             height[row, column] = source[row, column]
             inner = 0 < row < rows - 1 and 0 < column < columns - 1
             if source[row, column] == source[row, column] or not inner:
                 continue
-            total, spread, bright, worst, n = 0.0, 0.0, 0, 0, 0
-            for a, b in steps:
+            total, spread, bright, worst, n = 0.0, np.float32(0), 0, np.uint8(0), 0
+            for a, b in ((0, 1), (1, 0), (1, 1), (1, -1)):
                 one, two = source[row - a, column - b], source[row + a, column + b]
                 if abs(one - two) <= gap:  # false where either is NaN
                     total += one + two

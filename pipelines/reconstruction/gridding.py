@@ -8,7 +8,7 @@ import numpy as np
 
 from ..grid import Grid
 from ..instant import Instant
-from ..scan import LEVEL_NONE, Scan
+from ..scan import Scan
 from .clean import background_border, remove_lone
 from .grid_kernels import STEEPEST, bridge, fill, lay
 from .pinhole import Floats, project, undistort
@@ -18,8 +18,9 @@ from .slabs import in_slabs
 
 __all__ = ["footprint_grid", "to_scan"]
 
+SHARED = 1.5  # widths of the finest stripe over which neighbouring pixels share the errors of its edges
 USELESS = 0.01  # of the field of view: a point less certain than that tells nothing of a surface
-BAND = 128  # rows of the grid that are worked on at once: what is summed up of them stays in the cache
+BAND = 32  # rows of the grid that are worked on at once: what is summed up of them stays in the cache
 
 
 def footprint_grid(calibration: Calibration, pitch_mm: float | None = None) -> Grid:
@@ -96,6 +97,9 @@ def to_scan(
     floor of a crack) the one with more points wins, the upper one in a tie; nothing is averaged across. Single empty
     cells between two measured ones of the same surface are filled; wider gaps stay NaN.
 
+    Neighbouring points are placed between the same edges of stripes, seen through the same blur, so n points of a cell
+    are worth (1 + (sqrt(n) - 1) / s)^2 independent ones, s being `SHARED` widths of the stripes in camera pixels.
+
     Parameters
     ----------
     points : PointMap
@@ -112,11 +116,11 @@ def to_scan(
     keep = remove_lone(points, USELESS * _field_mm(calibration))
     farthest = background_border(points, keep) if remove_background else np.inf
     shape = grid.shape
-    level = np.full(shape, LEVEL_NONE, np.uint8)
-    texture = np.zeros(shape, np.uint8)
+    level, texture = np.empty(shape, np.uint8), np.empty(shape, np.uint8)
     height, sigma = np.empty(shape, np.float32), np.empty(shape, np.float32)
     raw = np.empty(shape, np.float32)
     steepest = STEEPEST * grid.pitch_mm
+    shared = max(1.0, SHARED * _stripe_px(points))
     pixels = keep.shape
     cell, above = np.empty(pixels, np.int32), np.empty(pixels, np.float32)
     offset, slope = np.empty((*pixels, 2), np.int8), np.empty((*pixels, 2), np.int16)
@@ -133,13 +137,28 @@ def to_scan(
     in_slabs(
         grid.rows,
         lambda first, last: fill(
-            cell, above, offset, slope, reach, points.sigma_z, points.texture, points.level, steepest, grid.pitch_mm,
-            raw, sigma, texture, level, first, last,
+            cell, above, offset, slope, reach, points.sigma_z, points.texture, points.level,
+            steepest, grid.pitch_mm, shared, raw, sigma, texture, level, first, last,
         ),
         step=BAND,
     )  # fmt: skip
     in_slabs(grid.rows, lambda first, last: bridge(raw, height, sigma, texture, level, steepest, first, last))
     return Scan(grid, time, height, sigma, texture, level, calibration.id)
+
+
+def _stripe_px(points: PointMap) -> float:
+    """Camera pixels per projector pixel, along the axis that is seen more coarsely."""
+    step = max(1, len(points.projector) // 200)
+    lines = points.projector[::step]
+    below = points.projector[1::step]
+    width = 1.0
+    for axis in range(2):
+        along = np.abs(np.diff(lines[..., axis], axis=1))
+        down = np.abs(below[: len(lines), :, axis] - lines[: len(below), :, axis])
+        both = [float(np.nanmedian(change)) if np.isfinite(change).any() else 0.0 for change in (along, down)]
+        growth = math.hypot(*both)
+        width = max(width, 1 / growth) if growth > 0 else width
+    return width
 
 
 def _field_mm(calibration: Calibration) -> float:

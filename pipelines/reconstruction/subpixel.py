@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numba as nb
@@ -19,8 +20,13 @@ __all__ = ["locate", "refine"]
 REACH = 96  # camera px: between edges further apart nothing is known to be linear
 # What the frames' noise does not explain, projector px: flicker of the light leaves FLAT_PX, and a straight line
 # through an edge that is not straight BENT_PX times the square of projector px per camera px (cells that the camera
-# hardly resolves). Read off a rendered capture with known answers.
+# hardly resolves; of the whole capture: the local one is measured between the very edges that may be misplaced).
+# Read off a rendered capture with known answers.
 FLAT_PX, BENT_PX = 0.02, 0.12
+# How far a pixel is off, of the bend of the map over one cell to either side: sqrt(1/120) of it where the surface
+# bends (the mean of a parabola's distance from its chord), half of it where an edge is misplaced (then the errors of
+# four edges make the bend, and those of the inner two the pixel's). Which it is cannot be told: their geometric mean.
+BEND = 0.21
 
 
 def locate(frames: Frames) -> Decoded:
@@ -51,17 +57,16 @@ def refine(frames: Frames, decoded: Decoded) -> Decoded:
     bits, plus, minus = frame_indices(patterns)
     stack = np.ascontiguousarray(frames.stack)
     noise = max(noise_counts(frames), 0.29) * (np.sqrt(2) if patterns.complementary else np.sqrt(6))
-    both = []
-    for axis, place, sigma in (
-        (0, decoded.column, decoded.sigma_column),
-        (1, decoded.row, decoded.sigma_row),
-    ):
+
+    def along(axis: int) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:
+        places = (decoded.column, decoded.sigma_column), (decoded.row, decoded.sigma_row)
+        place, sigma = places[axis]
         if not bits[axis]:
-            both.append((place, sigma))
-            continue
+            return place, sigma
         book = patterns.codebook(AXES[axis])
-        cell = _cells(place, book, patterns.size[axis])
         fine, spread = np.empty_like(place), np.empty_like(sigma)
+        down, density = _runs(place)
+        flat = np.hypot(FLAT_PX, BENT_PX * density**2)
         _between_edges(
             stack,
             frame_of(patterns, "white"),
@@ -71,15 +76,20 @@ def refine(frames: Frames, decoded: Decoded) -> Decoded:
             int(bits[axis]),
             book.word,
             book.first.astype(np.float32) - np.float32(0.5),
-            cell,
-            _runs_down(place),
+            _cells(place, book, patterns.size[axis]),
+            down,
             noise,
+            flat,
             place,
             sigma,
             fine,
             spread,
         )
-        both.append((fine, spread))
+        _add_bend(fine, spread, down, max(1, min(round(1 / max(density, 1e-3)), REACH)))
+        return fine, spread
+
+    with ThreadPoolExecutor(2) as pool:  # the axes know nothing of each other
+        both = list(pool.map(along, range(2)))
     (column, sigma_column), (row, sigma_row) = both
     return replace(decoded, column=column, row=row, sigma_column=sigma_column, sigma_row=sigma_row)
 
@@ -93,15 +103,18 @@ def _cells(place: npt.NDArray[np.float32], book: Codebook, length: int) -> npt.N
     return np.where(known, of_px[np.where(known, place, 0).astype(np.int32)], -1).astype(np.int32)
 
 
-def _runs_down(place: npt.NDArray[np.float32]) -> bool:
-    """Whether an axis grows faster down the image than along its rows."""
-    coarse = place[:: max(1, place.shape[0] // 200), :: max(1, place.shape[1] // 200)]
-    along, down = np.abs(np.diff(coarse, axis=1)), np.abs(np.diff(coarse, axis=0))
-    along, down = along[np.isfinite(along)], down[np.isfinite(down)]
-    if not len(along) or not len(down):
-        return False
-    stretch = max(1, place.shape[1] // 200) / max(1, place.shape[0] // 200)
-    return bool(np.median(down) * stretch > np.median(along))
+def _runs(place: npt.NDArray[np.float32]) -> tuple[bool, float]:
+    """Whether an axis grows faster down the image than along its rows, and by how many px per camera px."""
+    steps = [max(1, side // 200) for side in place.shape]
+    coarse = place[:: steps[0], :: steps[1]]
+    growth = []
+    for axis in (1, 0):
+        change = np.abs(np.diff(coarse, axis=axis))
+        change = change[np.isfinite(change)]
+        if len(change):  # whole cells: a mean and no median, but without the edges of surfaces
+            change = change[change <= np.quantile(change, 0.98)]
+        growth.append(float(change.mean()) / steps[axis] if len(change) else 0.0)
+    return growth[1] > growth[0], max(growth)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -129,7 +142,7 @@ def _edge(stack, white, black, plus, minus, bits, flips, a, b, c, d):  # type: i
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _between_edges(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
-    stack, white, black, plus, minus, bits, word, edge, cell, down, noise, place, sigma, fine, spread
+    stack, white, black, plus, minus, bits, word, edge, cell, down, noise, flat, place, sigma, fine, spread
 ):
     """Run along each line, remember the edge behind, and fill a run of one cell when its far edge is met.
 
@@ -162,16 +175,30 @@ def _between_edges(  # type: ignore[no-untyped-def]  # a kernel: numba infers th
                 if value != value_behind[line]:
                     length = at - 1 + position - behind[line]
                     slope = (value - value_behind[line]) / length
-                    bent = BENT_PX * slope * slope
                     for m in range(start[line], at):
                         share = (m - behind[line]) / length
                         e0 = (1 - share) * error_behind[line] * slope
                         e1 = share * noise * inverse * slope
                         r, c = (m, j) if down else (i, m)
                         fine[r, c] = value_behind[line] + share * (value - value_behind[line])
-                        spread[r, c] = np.sqrt(e0 * e0 + e1 * e1 + FLAT_PX * FLAT_PX + bent * bent)
+                        spread[r, c] = np.sqrt(e0 * e0 + e1 * e1 + flat * flat)
             if jump != step:  # the camera skips a cell: the edge behind the next run is another one
                 position, inverse = _edge(stack, white, black, plus, minus, bits, word[n] ^ word[n - step], a, b, i, j)
             start[line], known[line] = at, position >= 0
             behind[line], error_behind[line] = at - 1 + position, noise * inverse
             value_behind[line] = edge[max(n, n - step)]
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _add_bend(fine, spread, down, cells):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """Add to `spread` what the bend of `fine` over `cells` camera px to either side says."""
+    H, W = fine.shape
+    a, b = (cells, 0) if down else (0, cells)
+    share = np.float32(BEND * BEND)
+    for i in range(a, H - a):
+        before, here, after, error = fine[i - a], fine[i], fine[i + a], spread[i]
+        for j in range(b, W - b):
+            bend = before[j - b] - 2 * here[j] + after[j + b]
+            more = share * bend * bend
+            # beyond a cell it is no bend but an edge of the surface; NaN is neither
+            error[j] = np.sqrt(error[j] * error[j] + (more if abs(bend) < np.float32(1) else np.float32(0)))

@@ -164,10 +164,11 @@ def _kernel(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
                 # (dx - x dz) s + (tx - x tz) = 0 says that the point at distance s lies in the column's plane
                 ax, bx = fx * (dx - x * dz), fx * (t[0] - x * t[2])
                 ay, by = fy * (dy - y * dz), fy * (t[1] - y * t[2])
-                wx = 1.0 / (sc * sc) if has_c else 0.0
-                wy = 1.0 / (sr * sr) if has_r else 0.0
-                information = wx * ax * ax + wy * ay * ay
-                depth = -(wx * ax * bx + wy * ay * by) / information
+                # weights 1 / variance, both times both variances: divisions are what costs here
+                wx, wy = (sr * sr if has_r else 1.0), (sc * sc if has_c else 1.0)
+                wx, wy = (wx if has_c else 0.0), (wy if has_r else 0.0)
+                known = 1.0 / (wx * ax * ax + wy * ay * ay)
+                depth = -(wx * ax * bx + wy * ay * by) * known
                 z = depth * dz + t[2]
                 if has_c and has_r:
                     break
@@ -179,15 +180,16 @@ def _kernel(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
                 if not has_r:
                     guess_r = fy * (py * radial + p1 * (r2 + 2 * py * py) + 2 * p2 * px * py) + cy
             if not (has_c and has_r):
-                known, missing = (ax, ay) if has_c else (ay, ax)
-                if known * known < least * least * (known * known + missing * missing):
+                kept, missing = (ax, ay) if has_c else (ay, ax)
+                if kept * kept < least * least * (kept * kept + missing * missing):
                     depth = np.nan
             z = depth * dz + t[2]
-            spread = z / np.sqrt(information)
+            spread = z * np.sqrt((sc * sc if has_c else 1.0) * (sr * sr if has_r else 1.0) * known)
             if has_c and has_r:
-                ex, ey = (ax * depth + bx) / z, (ay * depth + by) / z
+                ex, ey = ax * depth + bx, ay * depth + by  # times z
                 slack = SLACK_PX * SLACK_PX
-                if ex * ex / (9 * sc * sc + slack) + ey * ey / (9 * sr * sr + slack) > 1:
+                limit_c, limit_r = 9 * sc * sc + slack, 9 * sr * sr + slack
+                if ex * ex * limit_r + ey * ey * limit_c > limit_c * limit_r * z * z:
                     depth = np.nan
             if not (depth > 0 and z > 0):
                 depth = np.nan
