@@ -138,12 +138,19 @@ def _explain(error: Exception, tokens: Sequence[str]) -> tuple[str, int]:
     if isinstance(error, UnusedCliTokensError):
         text = f"too many arguments: {' '.join(error.unused_tokens or ())}"
     elif isinstance(error, MissingArgumentError) and error.argument is not None and error.argument.token_count():
-        text = f"{error.argument.name.removeprefix('--').upper()} is missing" if not tokens[1:] else str(error)
+        text = _missing(error.argument.name, tokens)
     elif command:
         text = str(error)
     else:
         text = f"unknown option {tokens[0]}"
     return f"microrelief: {text.rstrip('.')}; see `microrelief {command + ' ' if command else ''}--help`", 2
+
+
+def _missing(name: str, tokens: Sequence[str]) -> str:
+    """Say which argument is missing: one named by its place, an option, or an option's value."""
+    if name in tokens:
+        return f"{name} needs a value"
+    return f"{name} is missing" if tokens[1:] else f"{name.removeprefix('--').upper()} is missing"
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """Keeps what pipelines define: stores of scans, folders of captures, files of other programs."""
 
 from .capture_folder import read_capture, read_image, write_capture
+from .durable import whole_file
 from .exporters import write_height_map, write_points, write_series
 from .importers import read_height_map
 from .ledger import Ledger, LedgerAddress, LedgerRow, SlotState, ledger_beside
@@ -25,6 +26,7 @@ __all__ = [
     "read_height_map",
     "read_image",
     "read_patterns",
+    "whole_file",
     "write_capture",
     "write_height_map",
     "write_patterns",

@@ -6,8 +6,9 @@ import json
 import logging
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -64,21 +65,26 @@ def read_capture(folder: str | Path, patterns: PatternSet | None = None) -> Fram
     if not folder.is_dir():
         raise InputError(f"{folder}: is a file, a capture is a folder of frames")
     about = _read_about(folder)
+    files = _named_frames(folder, about)
+    stacked = files is None and (folder / STACK_FILE).exists()
+    if files == [] or not (files or stacked or _images(folder)):
+        raise InputError(f"{folder}: no frames in it (PNG, TIFF, BMP, JPEG or {STACK_FILE}){_captures_below(folder)}")
     if patterns is None:
         patterns = _patterns_of(folder, about)
-    files = _named_frames(folder, about)
-    if files is None and not (folder / STACK_FILE).exists():
-        files = _find_frames(folder, len(patterns.roles))
-    if files is None:
+    if stacked:
         first = folder / STACK_FILE
         stack = _read_stack(first)
     else:
-        if not files:
-            raise InputError(f"{folder}: no frames in it (PNG, TIFF, BMP, JPEG or {STACK_FILE})")
+        files = files or _find_frames(folder, len(patterns.roles))
         first = files[0]
         stack = _read_images(files)
     if len(stack) != len(patterns.roles):
-        raise InputError(f"{folder}: found {len(stack)} frames, the pattern set has {len(patterns.roles)}")
+        more = len(stack) > len(patterns.roles)
+        mend = "move what is no frame away" if more else "take the capture again"
+        raise InputError(
+            f"{folder}: found {len(stack)} frames, the pattern set has {len(patterns.roles)}: {mend}, "
+            "or name the pattern file of what was projected"
+        )
     if stack.dtype == np.uint16 and about.get("bits") != 16 and int(stack.max()) <= TWELVE_BITS:
         stack = (stack * np.uint16(16)).astype(np.uint16)
     frames = Frames(stack, _time_of(folder, about, first), patterns, _exposure(folder, about))
@@ -163,6 +169,9 @@ def _named_frames(folder: Path, about: Mapping[str, Any]) -> list[Path] | None:
         return None
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         raise InputError(f"{folder / CAPTURE_FILE}: frames must be a list of file names")
+    twice = [name for name, times in Counter(names).items() if times > 1]
+    if twice:
+        raise InputError(f"{folder / CAPTURE_FILE}: frames names {twice[0]} twice: each frame is a file of its own")
     files = [folder / name for name in names]
     for file in files:
         if not file.is_file():
@@ -170,15 +179,33 @@ def _named_frames(folder: Path, about: Mapping[str, Any]) -> list[Path] | None:
     return files
 
 
-def _find_frames(folder: Path, expected: int) -> list[Path]:
-    """Images in natural order; of too many, those whose name starts like most of the others."""
-    others = sorted(file.name for file in folder.iterdir() if file.suffix.lower() not in IMAGE_SUFFIXES)
-    known = {CAPTURE_FILE, *PATTERN_FILES}
-    skipped = [name for name in others if name not in known]
-    images = sorted(
-        (file for file in folder.iterdir() if file.suffix.lower() in IMAGE_SUFFIXES and not file.name.startswith(".")),
+def _images(folder: Path) -> list[Path]:
+    """Image files by their names, in natural order; hidden ones are none."""
+    return sorted(
+        (
+            file
+            for file in folder.iterdir()
+            if file.suffix.lower() in IMAGE_SUFFIXES and not file.name.startswith(".") and file.is_file()
+        ),
         key=lambda file: natural_key(file.name),
     )
+
+
+def _captures_below(folder: Path) -> str:
+    """Say so where somebody named the folder of their captures instead of one."""
+    below = sorted(each.name for each in folder.iterdir() if each.is_dir() and (_images(each) or _holds_stack(each)))
+    return f"; it holds captures, name one: {', '.join(below[:3])}{', ...' * (len(below) > 3)}" if below else ""
+
+
+def _holds_stack(folder: Path) -> bool:
+    return (folder / STACK_FILE).is_file()
+
+
+def _find_frames(folder: Path, expected: int) -> list[Path]:
+    """Images in natural order; of too many, those whose name starts like most of the others."""
+    images = _images(folder)
+    known = {CAPTURE_FILE, *PATTERN_FILES, *(file.name for file in images)}
+    skipped = sorted(file.name for file in folder.iterdir() if file.name not in known)
     if len(images) > expected:
         heads = Counter(_head(file) for file in images)
         head, _ = heads.most_common(1)[0]
@@ -200,14 +227,33 @@ def _head(file: Path) -> str:
 
 
 def _of_common_size(files: Sequence[Path]) -> list[Path]:
-    with ThreadPoolExecutor(THREADS) as pool:
-        shapes = list(pool.map(lambda file: read_image(file).shape, files))
+    with _quiet_opencv(), ThreadPoolExecutor(THREADS) as pool:
+        shapes = list(pool.map(_shape_of, files))
     common, _ = Counter(shapes).most_common(1)[0]
     return [file for file, shape in zip(files, shapes, strict=True) if shape == common]
 
 
+@contextmanager
+def _quiet_opencv() -> Iterator[None]:
+    """What OpenCV would print of a broken image is said in our own words, in one line."""
+    from cv2.utils import logging as opencv
+
+    before = opencv.setLogLevel(opencv.LOG_LEVEL_SILENT)
+    try:
+        yield
+    finally:
+        opencv.setLogLevel(before)
+
+
+def _shape_of(file: Path) -> tuple[int, ...]:
+    try:
+        return read_image(file).shape
+    except InputError:
+        return ()  # no image is no frame; where it should be one, it is named when it is read
+
+
 def _read_images(files: Sequence[Path]) -> npt.NDArray[Any]:
-    with ThreadPoolExecutor(THREADS) as pool:
+    with _quiet_opencv(), ThreadPoolExecutor(THREADS) as pool:
         images = list(pool.map(read_image, files))
     common, votes = Counter((image.shape, image.dtype) for image in images).most_common(1)[0]
     for file, image in zip(files, images, strict=True):
@@ -256,8 +302,10 @@ def read_image(file: Path) -> npt.NDArray[Any]:
 def _read_stack(file: Path) -> npt.NDArray[Any]:
     try:
         stack: npt.NDArray[Any] = np.load(file, allow_pickle=False)
-    except (OSError, ValueError) as error:
-        raise InputError(f"{file}: cannot be read as an array: {error}") from None
+    except (OSError, ValueError, EOFError):
+        raise InputError(
+            f"{file}: is no whole array of numbers as numpy.save writes it: take the capture again"
+        ) from None
     if stack.ndim != 3 or stack.dtype not in (np.uint8, np.uint16):
         raise InputError(
             f"{file}: must be (frame, row, column) in uint8 or uint16, not {stack.dtype} of shape {stack.shape}"
@@ -276,6 +324,6 @@ def _time_of(folder: Path, about: Mapping[str, Any], first: Path) -> Instant:
 
 def _exposure(folder: Path, about: Mapping[str, Any]) -> float:
     value = about.get("exposure_ms", float("nan"))
-    if not isinstance(value, (int, float)) or isinstance(value, bool):
-        raise InputError(f"{folder / CAPTURE_FILE}: exposure_ms must be a number, not {value!r}")
+    if not isinstance(value, (int, float)) or isinstance(value, bool) or value <= 0:
+        raise InputError(f"{folder / CAPTURE_FILE}: exposure_ms must be a number above 0, not {value!r}")
     return float(value)

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from tempfile import NamedTemporaryFile
 
-from configs import InputError
+from configs import InputError, MicroreliefError
 
 __all__ = ["sync_file", "sync_file_system", "whole_file"]
 
@@ -56,15 +56,23 @@ def whole_file(file: Path) -> Iterator[Path]:
     Raises
     ------
     InputError
-        If `file`'s folder does not exist.
+        If `file`'s folder does not exist, `file` is a folder, or it cannot be written (no right to, disk full).
     """
     if not file.parent.is_dir():
         raise InputError(f"{file}: folder {file.parent} does not exist: make it first")
-    with NamedTemporaryFile(dir=file.parent, prefix=f".{file.stem}-", suffix=file.suffix, delete=False) as handle:
-        temporary = Path(handle.name)
+    if file.is_dir():
+        raise InputError(f"{file}: is a folder, name a file")
+    temporary: Path | None = None
     try:
+        with NamedTemporaryFile(dir=file.parent, prefix=f".{file.stem}-", suffix=file.suffix, delete=False) as handle:
+            temporary = Path(handle.name)
         yield temporary
         temporary.chmod(0o644)
         temporary.replace(file)
+    except OSError as error:
+        if isinstance(error, MicroreliefError):
+            raise
+        raise InputError(f"{file}: cannot be written: {error.strerror or error}") from None
     finally:
-        temporary.unlink(missing_ok=True)
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)

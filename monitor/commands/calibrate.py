@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 from typing import Annotated, Literal
@@ -11,7 +12,7 @@ from cyclopts import Parameter
 from configs import InputError
 from pipelines import Calibration
 from pipelines.reconstruction import Board, Decoded, calibrate_decoded, locate
-from storage import read_capture, read_patterns
+from storage import read_capture, read_patterns, whole_file
 
 from .. import __version__
 from ..progress import progress
@@ -64,12 +65,17 @@ def calibrate(
     folders = list(poses)
     if reference is not None and not any(_same(reference, folder) for folder in folders):
         folders.append(reference)
+    for index, folder in enumerate(folders):
+        if any(_same(folder, earlier) for earlier in folders[:index]):
+            raise InputError(f"{folder}: given twice; each pose is the board at another tilt")
     if len(folders) < 3:
         raise InputError(f"{len(folders)} poses given, at least 3 are needed: capture the board at more tilts")
     if out.suffix.lower() != ".json":
         raise InputError(f"--out {out}: a calibration is a .json file")
     if not out.parent.is_dir():
         raise InputError(f"--out {out}: there is no folder {out.parent}")
+    if out.is_dir():
+        raise InputError(f"--out {out}: is a folder, name a file")
     names = [folder.name if len({each.name for each in folders}) == len(folders) else str(folder) for folder in folders]
     index = next((n for n, folder in enumerate(folders) if reference is not None and _same(reference, folder)), 0)
     decoded, projector_size = _decode(folders, patterns)
@@ -86,7 +92,8 @@ def calibrate(
         )
     except ValueError as error:
         raise InputError(str(error)) from error
-    out.write_text(calibration.to_json(), encoding="utf-8")
+    with whole_file(out) as file:
+        file.write_text(calibration.to_json(), encoding="utf-8")
     for line in describe(calibration):
         print(line)
     print(f"wrote {out} (id {calibration.id}); heights count from the board of {names[index]}")
@@ -146,6 +153,8 @@ def _decode(folders: list[Path], patterns: Path | None) -> tuple[list[Decoded], 
 def _board(corners: str, squares: str, square_mm: float) -> Board:
     if bool(corners) == bool(squares):
         raise InputError("give the board's size either as --board 15x8 (inner corners) or as --board-squares 16x9")
+    if not (math.isfinite(square_mm) and square_mm > 0):
+        raise InputError(f"--square-mm {square_mm:g}: the side of a square must be a positive number of mm")
     option, text = ("--board", corners) if corners else ("--board-squares", squares)
     match = re.fullmatch(r"\s*(\d+)\s*[xX×,*]\s*(\d+)\s*", text)
     if not match:

@@ -17,6 +17,7 @@ __all__ = ["read_calibration", "reconstruct"]
 
 POINTS = (".npz",)
 HEIGHTS = (".nc", ".ply", ".tif", ".tiff")
+MOST_CELLS_PER_PIXEL = 25
 
 
 def reconstruct(
@@ -58,6 +59,8 @@ def reconstruct(
         raise InputError(f"--out {out}: unknown suffix {suffix!r}: use .npz, .nc, .tif or .ply")
     if not out.parent.is_dir():
         raise InputError(f"--out {out}: there is no folder {out.parent}")
+    if out.is_dir():
+        raise InputError(f"--out {out}: is a folder, name a file")
     if pitch_mm is not None and not (np.isfinite(pitch_mm) and pitch_mm > 0):
         raise InputError(f"--pitch-mm {pitch_mm}: must be a positive number")
     rig = read_calibration(calibration)
@@ -79,6 +82,12 @@ def reconstruct(
         from storage import write_height_map
 
         grid = rec.footprint_grid(rig, pitch_mm)
+        pixels = points.level.size
+        if grid.rows * grid.columns > MOST_CELLS_PER_PIXEL * pixels:
+            raise InputError(
+                f"--pitch-mm {pitch_mm:g}: makes {grid.columns}x{grid.rows} cells of {pixels} camera pixels: "
+                f"most would be empty, leave it out (about {rec.footprint_grid(rig).pitch_mm:g} mm) or make it larger"
+            )
         scan = rec.to_scan(points, rig, grid, frames.time, remove_background=not keep_background)
         print(_about_scan(scan))
         write_height_map(scan, out)

@@ -204,7 +204,7 @@ def test_a_stack_file_must_be_a_stack(tmp_path: Path) -> None:
     np.save(tmp_path / "c" / "frames.npy", np.zeros((3, 4), np.float64))
     assert "must be (frame, row, column)" in refusal(tmp_path / "c")
     (tmp_path / "c" / "frames.npy").write_bytes(b"nothing")
-    assert "cannot be read as an array" in refusal(tmp_path / "c")
+    assert "is no whole array" in refusal(tmp_path / "c")
 
 
 def test_a_full_folder_is_not_written_into(tmp_path: Path) -> None:

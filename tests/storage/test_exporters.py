@@ -187,7 +187,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(np, "savez_compressed", full)
-    with pytest.raises(OSError, match="No space left"):
+    with pytest.raises(InputError, match=r"map.npz: cannot be written: No space left"):
         write_height_map(replace(surface(0), calibration_id="x"), file)
     assert file.read_bytes() == before
     assert [path.name for path in tmp_path.iterdir()] == ["map.npz"]
