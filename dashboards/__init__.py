@@ -1,5 +1,6 @@
 """Reads a store and shows it: the Rerun timeline and the report."""
 
+from .calibration_report import calibration_page
 from .findings import Findings, gather
 from .record import record_review
 from .report import SECTIONS, write_findings, write_report
@@ -15,6 +16,7 @@ __all__ = [
     "Section",
     "Table",
     "Verdict",
+    "calibration_page",
     "check_ports",
     "gather",
     "has_screen",

@@ -10,8 +10,14 @@ from typing import Annotated, Literal
 from cyclopts import Parameter
 
 from configs import InputError
-from pipelines import Calibration
-from pipelines.reconstruction import Board, Decoded, calibrate_decoded, locate
+from pipelines.reconstruction import (
+    Board,
+    CharucoBoard,
+    Decoded,
+    calibrate_decoded,
+    describe_calibration,
+    locate,
+)
 from storage import read_capture, read_patterns, whole_file
 
 from .. import __version__
@@ -25,13 +31,16 @@ def calibrate(
     square_mm: float,
     board: str = "",
     board_squares: str = "",
+    charuco: str = "",
+    marker_mm: float | None = None,
     patterns: Path | None = None,
     reference: Path | None = None,
-    mirrored: Literal["auto", "none", "camera", "projector"] = "auto",
+    mirrored: Literal["auto", "none", "camera", "projector", "both"] = "auto",
     corners: Literal["plane", "local"] = "plane",
     out: Annotated[Path, Parameter(name=["--out", "-o"])] = Path("calibration.json"),
+    report: Path | None = None,
 ) -> None:
-    """Calibrate a rig from captures of a chessboard in at least 3 poses.
+    """Calibrate a rig from captures of a chessboard or ChArUco board in at least 3 poses.
 
     Each pose is a capture folder: the full set of patterns on the board at another tilt. Image inversion, mirrored
     optics and the end that the board is counted from are found, not asked for.
@@ -46,6 +55,11 @@ def calibrate(
         Inner corners of the board, such as 15x8, in either order.
     board_squares
         Squares of the board instead, such as 6x7: a board of 6x7 squares has 5x6 inner corners.
+    charuco
+        The board is a ChArUco board with markers of this dictionary, such as DICT_5X5_100; it may be seen in part.
+        Give its squares as --board-squares, columns first, as it was made.
+    marker_mm
+        Side of a marker of a ChArUco board.
     patterns
         Pattern file, where the captures do not say what was projected.
     reference
@@ -56,12 +70,14 @@ def calibrate(
         How decoded pixels are carried to the corners: `plane` uses the whole board, `local` the pixels at each one.
     out
         Where the calibration goes.
+    report
+        Also write residuals, coverage and uncertainty as one HTML page with pictures.
 
     Example
     -------
     microrelief calibrate poses/* --board 15x8 --square-mm 0.85 --patterns patterns.yaml --out calibration.json
     """
-    chessboard = _board(board, board_squares, square_mm)
+    chessboard = _board(board, board_squares, square_mm, charuco, marker_mm)
     folders = list(poses)
     if reference is not None and not any(_same(reference, folder) for folder in folders):
         folders.append(reference)
@@ -76,6 +92,13 @@ def calibrate(
         raise InputError(f"--out {out}: there is no folder {out.parent}")
     if out.is_dir():
         raise InputError(f"--out {out}: is a folder, name a file")
+    if report is not None:
+        if report.suffix.lower() not in (".html", ".htm"):
+            raise InputError(f"--report {report}: a report is an .html file")
+        if not report.parent.is_dir():
+            raise InputError(f"--report {report}: there is no folder {report.parent}")
+        if report.is_dir():
+            raise InputError(f"--report {report}: is a folder, name a file")
     names = [folder.name if len({each.name for each in folders}) == len(folders) else str(folder) for folder in folders]
     index = next((n for n, folder in enumerate(folders) if reference is not None and _same(reference, folder)), 0)
     decoded, projector_size = _decode(folders, patterns)
@@ -94,42 +117,15 @@ def calibrate(
         raise InputError(str(error)) from error
     with whole_file(out) as file:
         file.write_text(calibration.to_json(), encoding="utf-8")
-    for line in describe(calibration):
+    for line in describe_calibration(calibration):
         print(line)
     print(f"wrote {out} (id {calibration.id}); heights count from the board of {names[index]}")
+    if report is not None:
+        from dashboards import calibration_page
 
-
-def describe(calibration: Calibration) -> list[str]:
-    """Residuals per pose, rejected corners, mirrors and the verdict, as lines."""
-    width = max(len("pose"), *(len(pose.name) for pose in calibration.poses))
-    lines = [f"{'pose':{width}}  camera px  projector px  corners"]
-    lines += [
-        f"{pose.name:{width}}  {pose.camera_px:9.3f}  {pose.projector_px:12.3f}  {pose.kept} of {pose.found}"
-        for pose in calibration.poses
-    ]
-    for pose in calibration.poses:
-        if pose.rejected:
-            places = ", ".join(f"({column:.0f}, {row:.0f})" for column, row in pose.rejected)
-            lines.append(f"{pose.name}: corners left out at image column, row: {places}")
-    if calibration.camera.mirrored or calibration.projector.mirrored:
-        which = "camera" if calibration.camera.mirrored else "projector"
-        lines.append(
-            f"the optics mirror: of camera and projector exactly one is mirrored, taken to be the {which} "
-            "(if it is the other one, say so with --mirrored)"
-        )
-    rms = calibration.rms_px
-    lines.append(f"camera rms {rms['camera']:.3f} px, projector rms {rms['projector']:.3f} px")
-    lines.append(f"stereo rms {rms['stereo']:.3f} px: {verdict(rms['stereo'])}")
-    return lines
-
-
-def verdict(stereo_px: float) -> str:
-    """Say what a stereo rms means."""
-    if stereo_px < 0.5:
-        return "good (under 0.5 px)"
-    if stereo_px < 1.0:
-        return "usable, not good (0.5 to 1 px): take more poses, sharper and at other tilts"
-    return "bad (over 1 px): check the board's size, the pattern file, and that nothing moved during a capture"
+        with whole_file(report) as file:
+            file.write_text(calibration_page(calibration), encoding="utf-8")
+        print(f"wrote {report}")
 
 
 def _decode(folders: list[Path], patterns: Path | None) -> tuple[list[Decoded], tuple[int, int]]:
@@ -150,7 +146,13 @@ def _decode(folders: list[Path], patterns: Path | None) -> tuple[list[Decoded], 
     return decoded, size
 
 
-def _board(corners: str, squares: str, square_mm: float) -> Board:
+def _board(corners: str, squares: str, square_mm: float, charuco: str, marker_mm: float | None) -> Board | CharucoBoard:
+    if charuco and (corners or not squares or marker_mm is None):
+        raise InputError(
+            "a ChArUco board needs --charuco DICT --board-squares 7x5 --square-mm and --marker-mm, no --board"
+        )
+    if marker_mm is not None and not charuco:
+        raise InputError("--marker-mm is for ChArUco boards: name the markers with --charuco, such as DICT_5X5_100")
     if bool(corners) == bool(squares):
         raise InputError("give the board's size either as --board 15x8 (inner corners) or as --board-squares 16x9")
     if not (math.isfinite(square_mm) and square_mm > 0):
@@ -161,6 +163,8 @@ def _board(corners: str, squares: str, square_mm: float) -> Board:
         raise InputError(f"{option} {text}: write two numbers such as 15x8")
     size = int(match[1]), int(match[2])
     try:
+        if charuco and marker_mm is not None:
+            return CharucoBoard(size, square_mm, marker_mm, charuco)
         return Board(size, square_mm) if corners else Board.of_squares(size, square_mm)
     except ValueError as error:
         raise InputError(f"{option} {text}: {error}") from None

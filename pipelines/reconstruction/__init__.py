@@ -2,6 +2,7 @@
 
 from .board import Board, CharucoBoard
 from .calibration import calibrate, calibrate_decoded
+from .calibration_words import calibration_verdict, describe_calibration, rms_verdict
 from .decode import decode
 from .frame_order import suggest_order
 from .frames import Frames
@@ -11,7 +12,7 @@ from .patterns import PAPER_STRIPES, FrameRole, PatternSet
 from .pixel_maps import Decoded, PointMap
 from .reconstruct import reconstruct
 from .resolution import ContrastCurve, DepthOfField, Roi, depth_of_field, object_pixel_um, usaf_contrast, usaf_line_um
-from .rig_model import Calibration, Lens, PoseResidual
+from .rig_model import BoardCheck, Calibration, CornerResidual, Lens, PoseResidual
 from .slanted_edge import edge_contrast, find_edge
 from .stripe_contrast import StripeContrast, stripe_contrast
 from .subpixel import locate, refine
@@ -22,9 +23,11 @@ __all__ = [
     "PAPER_SETUP",
     "PAPER_STRIPES",
     "Board",
+    "BoardCheck",
     "Calibration",
     "CharucoBoard",
     "ContrastCurve",
+    "CornerResidual",
     "Decoded",
     "DepthOfField",
     "Figure",
@@ -39,9 +42,11 @@ __all__ = [
     "StripeContrast",
     "calibrate",
     "calibrate_decoded",
+    "calibration_verdict",
     "conflicts",
     "decode",
     "depth_of_field",
+    "describe_calibration",
     "edge_contrast",
     "find_edge",
     "footprint_grid",
@@ -49,6 +54,7 @@ __all__ = [
     "object_pixel_um",
     "reconstruct",
     "refine",
+    "rms_verdict",
     "stripe_contrast",
     "suggest_order",
     "to_scan",

@@ -80,9 +80,9 @@ def _weak(solution: Solution, sigma: Floats, share: Floats) -> list[str]:
         here, held = sigma[first : first + LENS], share[first : first + LENS]
         focal = float(max(here[0] / abs(lens[0]), here[1] / abs(lens[1])))
         if focal > WEAK_SHARE:
-            words.append(f"{who}: focal length known to +-{100 * focal:.2g} %")
+            words.append(f"{who}: focal length known to ±{100 * focal:.2g} %")
         if max(here[2:4]) > WEAK_PX:
-            words.append(f"{who}: principal point known to +-{here[2]:.2g}, {here[3]:.2g} px")
+            words.append(f"{who}: principal point known to ±{here[2]:.2g}, {here[3]:.2g} px")
         loose = [name for name, part in zip(LENS_NAMES, held, strict=True) if part > HELD]
         if loose:
             words.append(f"{who}: {', '.join(loose)} held by what lenses usually are, not by these corners")

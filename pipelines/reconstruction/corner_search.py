@@ -115,10 +115,11 @@ def _search(image: Image, size: tuple[int, int]) -> tuple[Floats | None, tuple[i
     return (np.asarray(corners, dtype=np.float64).reshape(-1, 2) if ok else None), size
 
 
-def _sharpened(image: Image, corners: Floats, lattice: npt.NDArray[np.int_]) -> Floats:
+def _sharpened(image: Image, corners: Floats, lattice: npt.NDArray[np.int_], reach: float = 0.35) -> Floats:
+    """Corners to sub-pixel, from what lies within `reach` squares of each."""
     import cv2
 
-    half = max(2, round(0.35 * corner_spacing_px(corners, lattice)))
+    half = max(2, round(reach * corner_spacing_px(corners, lattice)))
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 50, 1e-4)
     refined = cv2.cornerSubPix(image, corners.astype(np.float32).reshape(-1, 1, 2), (half, half), (-1, -1), criteria)
     return np.asarray(refined, dtype=np.float64).reshape(-1, 2)
@@ -182,7 +183,8 @@ def _charuco(image: Image, board: CharucoBoard, legacy: bool) -> tuple[Floats, n
     lattice = lattice_of(board.inner_corners)[which[order]]
     if min(np.ptp(lattice, axis=0)) < 1:  # all on a line
         return np.empty((0, 2)), np.empty(0, dtype=np.intp), count
-    return _sharpened(image, flat, lattice), which[order], count
+    reach = 0.4 * (1 - board.marker_mm / board.square_mm)  # up to the nearest marker, and not into it
+    return _sharpened(image, flat, lattice, reach), which[order], count
 
 
 def _dictionary(name: str) -> Any:

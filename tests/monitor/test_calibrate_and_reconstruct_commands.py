@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from monitor.cli import run_tokens
-from monitor.commands.calibrate import describe, verdict
 from pipelines import Calibration, Frames, PatternSet, parse_instant
-from pipelines.reconstruction import Lens, PoseResidual
+from pipelines.reconstruction import Lens, PoseResidual, describe_calibration, rms_verdict
 from storage import read_height_map, write_capture
 
 pytestmark = pytest.mark.xdist_group("calibrate")  # they share a calibration
@@ -27,7 +26,9 @@ def calibrated(data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = tmp_path_factory.mktemp("rig") / "calibration.json"
     poses = [str(data / "calib" / f"pose{n}") for n in (0, 4, 8)]
     board = ["--board-squares", "9x16", "--square-mm", "0.85", "--reference", poses[1]]
-    code = run_tokens(["calibrate", *poses, *board, "--patterns", str(data / "patterns.yaml"), "--out", str(file)])
+    page = ["--report", str(file.with_suffix(".html"))]
+    patterns = ["--patterns", str(data / "patterns.yaml")]
+    code = run_tokens(["calibrate", *poses, *board, *patterns, "--out", str(file), *page])
     assert code == 0
     return file
 
@@ -39,6 +40,7 @@ def test_calibrate_writes_what_reconstruct_reads(
     assert rig.rms_px["stereo"] < 0.2
     assert [pose.name for pose in rig.poses] == ["pose0", "pose4", "pose8"]
     assert rig.board == {"inner_corners": [8, 15], "square_mm": 0.85}
+    assert "Calibration report" in calibrated.with_suffix(".html").read_text(encoding="utf-8")
     common = ["reconstruct", str(data / "t0"), "--calibration", str(calibrated)]
     common += ["--patterns", str(data / "patterns.yaml"), "--out"]
     assert run_tokens([*common, str(tmp_path / "t0.npz")]) == 0
@@ -91,6 +93,49 @@ def line_of(capsys: pytest.CaptureFixture[str]) -> str:
         (["P0", "P1", "P2", "--board", "15x1", "--square-mm", "0.85"], "--board 15x1: a board of 15x1 inner corners"),
         (["P0", "P1", "P2", "--board", "15x8", "--square-mm", "-1"], "positive number of mm"),
         (["P0", "P1", "P2", "--square-mm", "0.85"], "either as --board 15x8"),
+        (
+            ["P0", "P1", "P2", "--charuco", "5X5_100", "--board-squares", "7x5", "--square-mm", "1"],
+            "a ChArUco board needs --charuco DICT --board-squares 7x5 --square-mm and --marker-mm",
+        ),
+        (["P0", "P1", "P2", "--board", "15x8", "--square-mm", "1", "--marker-mm", "1"], "is for ChArUco boards"),
+        (
+            [
+                "P0",
+                "P1",
+                "P2",
+                "--charuco",
+                "5X5_100",
+                "--board-squares",
+                "7x5",
+                "--square-mm",
+                "1",
+                "--marker-mm",
+                "2",
+            ],
+            "the side of a marker must be smaller than its square of 1.0 mm",
+        ),
+        (
+            ["P0", "P1", "P2", "--charuco", "CODE", "--board-squares", "7x5", "--square-mm", "1", "--marker-mm", ".7"],
+            "no marker dictionary 'CODE'; there are DICT_",
+        ),
+        (
+            [
+                "P0",
+                "P1",
+                "P2",
+                "--charuco",
+                "4X4_50",
+                "--board-squares",
+                "7x5",
+                "--square-mm",
+                "1",
+                "--marker-mm",
+                ".7",
+            ],
+            "pose0: no ChArUco board of 7x5 squares: no marker of 4X4_50 is seen",
+        ),
+        (["P0", "P1", "P2", "--board", "15x8", "--square-mm", "1", "--report", "r.pdf"], "a report is an .html file"),
+        (["P0", "P1", "P2", "--board", "15x8", "--square-mm", "1", "--report", "no/r.html"], "there is no folder no"),
         (["P0", "P1", "P2", "--board", "15x8"], "--square-mm"),
         (["P0", "P1", "P2", "--board", "15x8", "--square-mm", "1", "--out", "c.yaml"], "a calibration is a .json file"),
         (["P0", "P1", "P2", "--board", "15x8", "--square-mm", "1", "--patterns", "no.yaml"], "no such pattern file"),
@@ -169,15 +214,15 @@ def test_what_a_beginner_does_wrong_in_reconstruct(
 
 def test_a_calibration_is_told_in_words() -> None:
     rig = Calibration.from_json(some_rig().to_json())
-    text = "\n".join(describe(rig))
+    text = "\n".join(describe_calibration(rig))
     assert "flat      0.100         0.200  119 of 120" in text
     assert "flat: corners left out at image column, row: (32, 7)" in text
     assert "stereo rms 0.160 px: good (under 0.5 px)" in text
     assert "mirror" not in text
     mirrored = replace(rig, camera=replace(rig.camera, K=np.diag([-100.0, 100, 1])))
-    assert "taken to be the camera" in "\n".join(describe(mirrored))
-    assert verdict(0.7).startswith("usable")
-    assert verdict(12.0).startswith("bad")
+    assert "taken to be the camera" in "\n".join(describe_calibration(mirrored))
+    assert rms_verdict(0.7).startswith("usable")
+    assert rms_verdict(12.0).startswith("bad")
 
 
 @pytest.mark.parametrize("command", ["calibrate", "reconstruct"])

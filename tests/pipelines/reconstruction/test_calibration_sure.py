@@ -136,7 +136,7 @@ def test_what_the_corners_leave_open_is_named() -> None:
     assert told is not None
     assert [pose["name"] for pose in told["poses"]] == [f"pose {n}" for n in range(5)]
     text = " | ".join(told["weak"])
-    assert "principal point known to +-" in text
+    assert "principal point known to ±" in text
 
 
 def test_boards_are_measured_in_their_own_pose_and_held_out() -> None:
