@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from configs import StoreError
+from configs import InputError, StoreError
 from pipelines import ALARM_STATES, Event, Instant
 from storage import Store, Stored
 
@@ -53,6 +53,8 @@ def record_review(store: Store, file: Path, *, progress: Progress | None = None)
     ------
     StoreError
         If the store holds no scan.
+    InputError
+        If the file cannot be written.
     """
     import rerun as rr
 
@@ -63,7 +65,13 @@ def record_review(store: Store, file: Path, *, progress: Progress | None = None)
     series = store.series()
     layout = _layout(store, series)
     stream = rr.RecordingStream(paths.APPLICATION, recording_id=f"{store.about.site}-{store.about.snapshot}")
-    file.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.touch()  # an operating system's error says more than Rerun's
+    except OSError as error:
+        raise InputError(f"{file}: the review cannot be written there: {error.strerror}") from None
+    if file.is_dir():
+        raise InputError(f"{file}: is a folder, name a file")
     stream.save(file, default_blueprint=review_blueprint(layout))
     try:
         stream.send_recording_name(store.about.site or paths.APPLICATION)

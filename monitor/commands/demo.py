@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shlex
+import shutil
+import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,7 +19,7 @@ from ..loop import Settled
 from ..progress import progress
 from ..stopping import graceful_stop
 
-__all__ = ["demo"]
+__all__ = ["demo", "our_command"]
 
 
 def demo(*, out: Path = Path("demo-out"), scans: int = 14) -> int:
@@ -69,14 +72,23 @@ def demo(*, out: Path = Path("demo-out"), scans: int = 14) -> int:
         review, page = _show(store, out)
     finally:
         store.close()
+    from dashboards import open_command
+
     print(f"\nDone in {time.perf_counter() - began:.0f} s. What you have now:\n")
+    us = our_command()
     for what, where, how in (
-        ("store", campaign.store.path, f"microrelief status {file}"),
-        ("review", review, f"microrelief review {campaign.store.path}    or: rerun {review}"),
+        ("store", campaign.store.path, f"{us} status {file}"),
+        ("review", review, f"{us} review {campaign.store.path}    or: {open_command(review)}"),
         ("report", page, "open it in any browser; it needs no network"),
     ):
         print(f"  {what:<7} {where}\n          {how}")
     return 0
+
+
+def our_command() -> str:
+    """How a person who copies it starts microrelief: `make demo` leaves its environment without activating it."""
+    beside = Path(sys.executable).parent / "microrelief"
+    return "microrelief" if shutil.which("microrelief") or not beside.exists() else shlex.quote(str(beside))
 
 
 def _show(store: Store, out: Path) -> tuple[Path, Path]:

@@ -227,6 +227,6 @@ def _without_ramp(
     with np.errstate(divide="ignore", invalid="ignore"):
         half = distance[at] + (middle - below) / (above - below) * STEP
         ramp = np.clip((level - middle) / (2 * (rim - middle)), 0, 0.5)
-    wall = edge - half
-    shorter = half + np.sqrt(np.maximum(0.0, wall**2 - ramp**2))
+        wall = edge - half
+        shorter = half + np.sqrt(np.maximum(0.0, wall**2 - ramp**2))
     return np.where(seen & np.isfinite(shorter) & (wall > 0), shorter, edge)

@@ -10,6 +10,7 @@ import pytest
 
 from configs import InputError
 from monitor.cli import run_tokens
+from monitor.commands.demo import our_command
 from monitor.demo import judge_store, prepare, run_demo
 from pipelines import Calibration
 from storage import Ledger, ledger_beside, open_store
@@ -142,3 +143,15 @@ def test_a_campaign_without_a_known_soil_cannot_be_judged(tmp_path: Path) -> Non
 
     with pytest.raises(InputError, match="soil"):
         judge_store(Empty(), tmp_path / "demo.yaml")  # type: ignore[arg-type]  # refused before it is read
+
+
+def test_the_command_that_is_shown_can_be_copied(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`make demo` does not activate its environment: there plain `microrelief` would not be found."""
+    beside = tmp_path / "my env" / "microrelief"
+    beside.parent.mkdir()
+    beside.touch(mode=0o755)
+    monkeypatch.setattr("sys.executable", str(beside.with_name("python")))
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert our_command() == f"'{beside}'"
+    monkeypatch.setenv("PATH", str(beside.parent))
+    assert our_command() == "microrelief"

@@ -104,6 +104,15 @@ def test_an_empty_store_cannot_be_reviewed(empty_store: Path, run: Run) -> None:
     assert "holds no scan yet" in one_line(ended)
 
 
+def test_a_review_that_cannot_be_written_is_said_in_one_line(store: Path, run: Run, tmp_path: Path) -> None:
+    (tmp_path / "taken.rrd").mkdir()
+    (tmp_path / "file").write_text("")
+    for place, why in (("taken.rrd", "is a folder"), ("file/r.rrd", "cannot be written there")):
+        ended = run("review", store, "--save", place)
+        assert ended.returncode == 2
+        assert why in one_line(ended)
+
+
 def test_web_and_save_exclude_each_other(store: Path, run: Run) -> None:
     ended = run("review", store, "--web", "--save", "r.rrd")
     assert ended.returncode == 2

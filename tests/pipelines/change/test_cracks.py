@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from pipelines.change import crack_mask, crack_openings
 from pipelines.change.crack_lines import crack_lines
+from pipelines.change.crack_widths import _without_ramp
 from tests.pipelines.change.scans import bumps, sampled, scan_of, soil_scan
 
 PITCH = 0.02
@@ -132,6 +133,14 @@ def test_spurs_are_pruned_and_branches_kept() -> None:
     lines = crack_lines(mask)
     assert lines.step.sum() == pytest.approx(300 + 77, abs=10)
     assert lines.free_ends == 1
+
+
+def test_an_even_profile_without_a_wall_warns_of_nothing() -> None:
+    """Its wall would lie infinitely far away; the edge stays where it was."""
+    z = np.array([[0.5, 0.5, 0.5, 1.0]])
+    middle, level, rim = np.array([0.2]), np.array([0.4]), np.array([1.0])
+    edge = _without_ramp(np.array([1.5]), z, np.array([3]), level, middle, rim, np.arange(4.0))
+    assert edge.tolist() == [1.5]
 
 
 @pytest.mark.parametrize(("name", "epoch", "overlap"), [("a", 0, 0.94), ("a", 1, 0.95), ("b", 0, 0.92), ("b", 1, 0.94)])
