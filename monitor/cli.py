@@ -26,6 +26,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "doctor": ("doctor:doctor", "Say what is wrong with this machine or a campaign, and how to mend it."),
     "patterns": ("patterns:patterns", "Write the images to project."),
     "calibrate": ("calibrate:calibrate", "Calibrate a rig from captures of a board."),
+    "diagnose": ("diagnose:diagnose", "Say what is wrong with a capture, and how to mend it."),
     "reconstruct": ("reconstruct:reconstruct", "Turn one capture into a height map."),
     "run": ("run:run", "Monitor on a schedule; survives restarts."),
     "scan": ("run:scan", "Take one scan now."),

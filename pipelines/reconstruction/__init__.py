@@ -4,6 +4,7 @@ from .board import Board, CharucoBoard
 from .calibration import calibrate, calibrate_decoded
 from .calibration_words import calibration_verdict, describe_calibration, rms_verdict
 from .decode import decode
+from .diagnose import CAUSES, Diagnosis, Finding, diagnose, diagnose_stack
 from .frame_order import suggest_order
 from .frames import Frames
 from .gridding import footprint_grid, to_scan
@@ -19,6 +20,7 @@ from .subpixel import locate, refine
 from .triangulate import triangulate
 
 __all__ = [
+    "CAUSES",
     "CHIPS",
     "PAPER_SETUP",
     "PAPER_STRIPES",
@@ -30,7 +32,9 @@ __all__ = [
     "CornerResidual",
     "Decoded",
     "DepthOfField",
+    "Diagnosis",
     "Figure",
+    "Finding",
     "FrameRole",
     "Frames",
     "Lens",
@@ -47,6 +51,8 @@ __all__ = [
     "decode",
     "depth_of_field",
     "describe_calibration",
+    "diagnose",
+    "diagnose_stack",
     "edge_contrast",
     "find_edge",
     "footprint_grid",
