@@ -210,14 +210,14 @@ def test_a_second_signal_stops_in_the_middle(start: Start, tmp_path: Path) -> No
     assert states(tmp_path) == {0: "planned"}, "the next start settles it as missed"
 
 
-def kill_and_resume(start: Start, folder: Path, kills: int, chance: random.Random) -> None:
+def kill_and_resume(start: Start, folder: Path, kills: int, chance: random.Random, spread_s: float = 0.6) -> None:
     """Kill at random, start again; then everything that was acknowledged is there once, and every slot has an end."""
     acknowledged: set[int] = set()
-    hours = 20 * (kills + 1)
+    hours = round(33 * spread_s) * (kills + 1)  # at 0.03 s and more each, some are left at the last kill
     for _ in range(kills):
-        process = start(folder, "--hours", str(hours), "--scan-s", "0.005")
+        process = start(folder, "--hours", str(hours), "--scan-s", "0.03")
         acknowledged.add(int(read_until(process, "committed scan").split()[-1]))
-        time.sleep(chance.uniform(0, 0.6))
+        time.sleep(chance.uniform(0, spread_s))
         os.kill(process.pid, signal.SIGKILL)
         out, _ = process.communicate()
         acknowledged.update(int(line.split()[-1]) for line in out.splitlines() if line.startswith("committed scan"))
@@ -239,7 +239,7 @@ def kill_and_resume(start: Start, folder: Path, kills: int, chance: random.Rando
 
 
 def test_kill_9_loses_nothing_and_doubles_nothing(start: Start, tmp_path: Path) -> None:
-    kill_and_resume(start, tmp_path, 2, random.Random(1))
+    kill_and_resume(start, tmp_path, 2, random.Random(1), spread_s=0.2)
 
 
 def test_kill_9_in_a_campaign_of_the_simulated_rig(start: Start, tmp_path: Path) -> None:

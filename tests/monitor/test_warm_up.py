@@ -120,7 +120,7 @@ def test_where_it_fails_it_says_so_and_the_campaign_goes_on(tmp_path: Path, watc
     assert watched.said[2] == "not warmed up, the first scans may be late: CaptureError: a frame was dropped"
 
 
-@pytest.mark.parametrize("count", [1, 3])
+@pytest.mark.parametrize("count", [1, 2])
 def test_a_replay_loses_no_capture(tmp_path: Path, watched: Watched, count: int) -> None:
     for number in range(count):
         stack = np.zeros((len(PATTERNS.roles), 12, 16), np.uint8)
@@ -143,12 +143,12 @@ def test_a_scene_that_ages_goes_on_from_the_first_scan(tmp_path: Path, watched: 
     assert CountingRig.made[-1].started == "2025-01-01T00:00:00Z", "what the campaign says goes before"
 
 
-def test_hours_off_at_every_second_are_told_once_and_recorded_whole(tmp_path: Path, watched: Watched) -> None:
+def test_an_hour_off_at_every_second_is_told_once_and_recorded_whole(tmp_path: Path, watched: Watched) -> None:
     campaign = on_rig(campaign_in(tmp_path, "1 s"), "counting")
     watched.run(campaign, 1)
-    outcome = watched.run(campaign, 1, T0 + np.timedelta64(7_200_000 + 900, "ms"))
-    assert (outcome.missed, outcome.away, outcome.taken) == (7_200, 7_200, 1)
-    assert [settled.count for settled in watched.settled] == [1, 7_200, 1]
+    outcome = watched.run(campaign, 1, T0 + np.timedelta64(3_600_000 + 900, "ms"))
+    assert (outcome.missed, outcome.away, outcome.taken) == (3_600, 3_600, 1)
+    assert [settled.count for settled in watched.settled] == [1, 3_600, 1]
     assert watched.settled[1].told == (
-        "missed 7200 slots, 2026-01-01T00:00:01Z to 2026-01-01T02:00:00Z: microrelief was not running"
+        "missed 3600 slots, 2026-01-01T00:00:01Z to 2026-01-01T01:00:00Z: microrelief was not running"
     )
