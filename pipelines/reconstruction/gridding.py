@@ -15,6 +15,7 @@ from .pinhole import Floats, project, undistort
 from .pixel_maps import PointMap
 from .rig_model import Calibration
 from .slabs import in_slabs
+from .triangulate import bow_mm
 
 __all__ = ["footprint_grid", "to_scan"]
 
@@ -98,7 +99,8 @@ def to_scan(
     cells between two measured ones of the same surface are filled; wider gaps stay NaN.
 
     Neighbouring points are placed between the same edges of stripes, seen through the same blur, so n points of a cell
-    are worth (1 + (sqrt(n) - 1) / s)^2 independent ones, s being `SHARED` widths of the stripes in camera pixels.
+    are worth (1 + (sqrt(n) - 1) / s)^2 independent ones, s being `SHARED` widths of the stripes in camera pixels. What
+    the calibration leaves open they share altogether.
 
     Parameters
     ----------
@@ -138,7 +140,7 @@ def to_scan(
         grid.rows,
         lambda first, last: fill(
             cell, above, offset, slope, reach, points.sigma_z, points.texture, points.level,
-            steepest, grid.pitch_mm, shared, raw, sigma, texture, level, first, last,
+            steepest, grid.pitch_mm, shared, bow_mm(calibration), raw, sigma, texture, level, first, last,
         ),
         step=BAND,
     )  # fmt: skip

@@ -98,9 +98,16 @@ def _cells(place: npt.NDArray[np.float32], book: Codebook, length: int) -> npt.N
     """Cell of each pixel, -1 where it was not decoded."""
     of_px = np.zeros(length, np.int32)
     of_px[book.first] = 1
-    of_px = np.cumsum(of_px, dtype=np.int32) - 1
-    known = np.isfinite(place)
-    return np.where(known, of_px[np.where(known, place, 0).astype(np.int32)], -1).astype(np.int32)
+    cell = np.empty(place.shape, np.int32)
+    _look_up(place.reshape(-1), np.cumsum(of_px, dtype=np.int32) - np.int32(1), cell.reshape(-1))
+    return cell
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _look_up(place, of_px, cell):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    for n in range(place.size):
+        at = place[n]
+        cell[n] = of_px[np.int64(at)] if at == at else np.int32(-1)
 
 
 def _runs(place: npt.NDArray[np.float32]) -> tuple[bool, float]:
