@@ -123,7 +123,7 @@ def calibrate_decoded(
         if found.mean() < 0.5:
             raise ValueError(
                 f"{label}: the board is found, but only {int(found.sum())} of {len(found)} corners are decoded: "
-                "is it lit by the projector, and are these the right patterns?"
+                "is it lit by the projector, and are these the right patterns? Capture it again, or leave it out"
             )
         points = here.lattice.astype(np.float64) * board.square_mm
         seen.append(PoseCorners(label, points, here.corners, lit.at, lit.agreeing))

@@ -99,7 +99,7 @@ def _local(decoded: Decoded, corners: Floats, lattice: Lattice) -> LitCorners:
             result[n] = map_homography(fit, np.zeros(2))
             error = np.abs(map_homography(fit, source) - target).max(axis=1)
             spreads.append(1.4826 * float(np.median(error)))
-            agreeing.append(float((error < max(4 * spreads[-1], 1.0)).mean()))
+            agreeing.append(float((error < min(max(4 * spreads[-1], 1.0), GROSS_PX)).mean()))
     if not spreads:
         return LitCorners(result, 0.0, np.nan)
     return LitCorners(result, float(np.mean(agreeing)), float(np.median(spreads)))
@@ -170,7 +170,7 @@ def _plane(decoded: Decoded, corners: Floats, lattice: Lattice) -> LitCorners:
         normal = np.einsum("in,jn->ij", weighted, design)  # einsum's own loops: no threads, the same bits every time
         coefficients = np.linalg.solve(normal, np.einsum("in,cn->ic", weighted, residual))
     at = map_homography(plane, corners) + _sum(coefficients, at_corners).T
-    return LitCorners(at, float((error < max(4 * spread, 1.0)).mean()), spread)
+    return LitCorners(at, float((error < min(max(4 * spread, 1.0), GROSS_PX)).mean()), spread)
 
 
 def _cubic(points: Floats) -> Floats:

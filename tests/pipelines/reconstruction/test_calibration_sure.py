@@ -5,17 +5,19 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from pipelines.reconstruction import Calibration
+from pipelines.reconstruction import Board, Calibration, calibrate
 from pipelines.reconstruction.board_check import check_board, corner_points
 from pipelines.reconstruction.bundle import Corners, _pair, adjust
 from pipelines.reconstruction.corner_evidence import Fit, fit
 from pipelines.reconstruction.pinhole import Floats, project, rotation_vector, undistort
 from pipelines.reconstruction.solve import _rig, solve
 from pipelines.reconstruction.stereo_start import PoseCorners, flat
+from storage import read_capture, read_patterns
 
 from .exact_rig import BOARD, TILTS, board_corners, make_rig
 
@@ -192,6 +194,16 @@ def test_too_few_good_poses_are_an_error_that_names_the_bad_one() -> None:
         solved([poses[0], replace(poses[1], agreeing=0.45), poses[2]])
     with pytest.raises(ValueError, match=r"pose 0: .*heights are to count from its board"):
         solved([replace(poses[0], agreeing=0.3), *board_corners(make_rig(), noise_px=0.05)[1:]])
+
+
+def test_a_real_pose_whose_frames_are_out_of_order_is_named(shared_data: Path) -> None:
+    patterns = read_patterns(shared_data / "kamino410" / "patterns.yaml")
+    poses = [read_capture(shared_data / "kamino410" / f"capture_{n}", patterns) for n in range(3)]
+    stack = poses[1].stack.copy()
+    stack[[4, 5, 10, 11]] = stack[[10, 11, 4, 5]]
+    poses[1] = replace(poses[1], stack=stack)
+    with pytest.raises(ValueError, match=r"second: .* of its decoded pixels do not lie on one plane.*capture it again"):
+        calibrate(poses, Board((7, 9), 75.0), ["first", "second", "third"])
 
 
 def test_the_same_corners_give_the_same_bits() -> None:
