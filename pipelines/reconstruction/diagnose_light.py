@@ -16,7 +16,7 @@ __all__ = ["LightFigures", "light_figures"]
 Doubles = npt.NDArray[np.float64]
 
 FULL = 0.92
-"""A pixel counts as dark in a pattern if inverse less pattern exceeds this share of what most pixels have."""
+"""A pixel counts as dark in a pattern if its inverse exceeds this share of what light pixels have."""
 WIDE = 0.8
 """Patterns of which half the pixels reach this share of white less black are wide enough to read dark levels off."""
 CLEAR = 0.25
@@ -130,9 +130,9 @@ def _levels_of_pairs(sample: Sample, light: Doubles, ambient: Doubles) -> None:
         size = np.abs(stripes)
         if np.median(size) < WIDE:
             continue
-        for frame, depth in ((p, -stripes), (n, stripes)):
-            full = FULL * float(np.percentile(depth, 95))
-            dark = share[frame][depth > full]
+        for frame, partner in ((p, n), (n, p)):  # dark where its inverse is light, which says nothing of its own noise
+            full = float(np.percentile(share[partner], 80))
+            dark = share[frame][share[partner] > FULL * full]
             if full > 0.5 and len(dark) > FEW:
                 ambient[frame] = float(np.median(dark))
 
@@ -147,7 +147,7 @@ def _mixtures(sample: Sample, mixed: Doubles) -> None:
     even = np.ones(u.shape[1], np.float32)
     stray = sample.strong / sample.swing[sample.lit][::THIN]  # light that falls on the sensor, not on the object
     for _, _, p, n in pairs_of(sample.patterns):
-        if n < 0 or min(spread[p], spread[n]) < CLEAR:
+        if n < 0 or max(spread[p], spread[n]) < CLEAR:
             continue
         for frame, partner in ((p, n), (n, p)):
             near = [k for k in (frame - 1, frame + 1) if 0 <= k < len(u) and k != partner and spread[k] > CLEAR]
