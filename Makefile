@@ -11,7 +11,7 @@ demo: setup  ## the whole job on the simulated rig; results in $(OUT)
 	@$(BIN)/microrelief demo --out $(OUT)
 
 test: setup-test lint  ## lint, types, import contracts and every test
-	$(BIN)/pytest -n $(WORKERS) --dist loadgroup -m "not soak" -q
+	$(BIN)/pytest -n $(WORKERS) --dist loadfile -m "not soak" -q
 
 lint: setup-test
 	$(BIN)/ruff check .

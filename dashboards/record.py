@@ -34,7 +34,7 @@ __all__ = ["Progress", "record_review"]
 Progress = Callable[[int, int], None]
 """Called with (scans done, scans in all)."""
 
-_LEVELS = {"failed": "WARN", "missed": "WARN", "rejected": "WARN", "alarm": "WARN"}
+_LEVELS = {"lost": "ERROR", "failed": "WARN", "missed": "WARN", "rejected": "WARN", "alarm": "WARN"}
 _VERDICT_COLOURS = {"good": STATE_COLOURS["ok"], "doubtful": STATE_COLOURS["warning"], "failed": STATE_COLOURS["alarm"]}
 
 

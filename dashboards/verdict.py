@@ -30,14 +30,16 @@ class Verdict:
 def judge_findings(findings: Findings) -> Verdict:
     """Weigh alarms, visits and registration of a campaign.
 
-    Red: an alarm stands after the newest scan. Amber: a warning stands, an alarm has no data, the newest visit yielded
-    nothing, or the newest scan's registration is not to be trusted. Green: none of these. No data: no scan at all.
+    Red: an alarm stands after the newest scan. Amber: a warning stands, an alarm has no data, the store lost scans, the
+    newest visit yielded nothing, or the newest scan's registration is not to be trusted. Green: none of these. No data:
+    no scan at all.
     """
     if findings.last is None:
         return Verdict("no data", _WORDS["no data"], _why_nothing(findings))
     red = [_alarm_text(findings, name) for name, state in findings.alarms.items() if state == "alarm"]
     amber = [_alarm_text(findings, name) for name, state in findings.alarms.items() if state == "warning"]
     amber += [f"{name}: no data." for name, state in findings.alarms.items() if state == "no data"]
+    amber += [f"Scans were lost, {day_and_time(e.time)}: {e.text}." for e in findings.events if e.kind == "lost"]
     newest = findings.visits[-1] if findings.visits else None
     if newest is not None and newest.state != "taken":
         cause = f": {newest.cause}" if newest.cause else ""

@@ -108,12 +108,16 @@ def run_campaign(
         rig = rig_of(campaign) if rig is None else rig
         if now or campaign.schedule.video is not None:
             clock = clock.steady()
+        if store is None:  # before the slow and the physical: a store that cannot be written ends it here
+            store = _open_existing(campaign)
+            if store is not None:
+                stack.callback(store.close)
         calibration = read_calibration(campaign, patterns, clock.now(), tell)
         tell("opening the rig")
         rig.open()
         stack.callback(rig.close)
         if store is None:
-            store = _open_or_create(campaign, calibration, patterns, text)
+            store = _create(campaign, calibration, patterns, text)
             stack.callback(store.close)
         if ledger is None:
             ledger = Ledger(ledger_beside(campaign.store.path))
@@ -208,14 +212,21 @@ def make_recipe(campaign: Campaign, patterns: PatternSet, calibration: Calibrati
     """Give what is done with every capture of a campaign."""
     from pipelines.change import polygon_mask
 
-    stable = campaign.register_.stable_mm
-    region = campaign.region_mm
+    stable = polygon_mask(campaign.register_.stable_mm, grid) if campaign.register_.stable_mm else None
+    region = polygon_mask((campaign.region_mm,), grid) if campaign.region_mm is not None else None
+    for mask, key in ((stable, "register.stable_mm"), (region, "region_mm")):
+        if mask is not None and not mask.any():
+            x_low, x_high, y_low, y_high = grid.extent_mm
+            raise InputError(
+                f"{key} holds no cell: the height map reaches from {x_low:.2f} to {x_high:.2f} mm in x and "
+                f"from {y_low:.2f} to {y_high:.2f} mm in y"
+            )
     return Recipe(
         patterns,
         calibration,
         grid,
-        polygon_mask(stable, grid) if stable else None,
-        polygon_mask((region,), grid) if region is not None else None,
+        stable,
+        region,
         campaign.metrics,
         campaign.alarms,
         remove_background=campaign.reconstruct.remove_background,
@@ -309,33 +320,45 @@ def _whole_second(moment: Instant) -> Instant:
     return whole
 
 
-def _open_or_create(campaign: Campaign, calibration: Calibration, patterns: PatternSet, text: str) -> Store:
+def _units(campaign: Campaign) -> dict[str, str]:
     from pipelines.change import METRICS
+
+    return {name: METRICS[name].unit for name in campaign.metrics}
+
+
+def _open_existing(campaign: Campaign) -> Store | None:
+    """Open the campaign's store to go on in it; None where there is none yet."""
+    path, pitch_mm = campaign.store.path, campaign.grid.pitch_mm
+    if not path.exists():
+        above = next(folder for folder in path.absolute().parents if folder.exists())
+        if not above.is_dir():
+            raise InputError(f"store.path {path}: {above} is a file, not a folder; name another place")
+        return None
+    store = open_store(path, write=True, metrics=_units(campaign))
+    kept = store.about.grid
+    if pitch_mm is not None and kept is not None and abs(kept.pitch_mm - pitch_mm) > 1e-9:
+        store.close()
+        raise InputError(
+            f"grid.pitch_mm is {pitch_mm:g}, but the store {path} has cells of {kept.pitch_mm:g} mm: "
+            "take the store's pitch, or give store.path another name"
+        )
+    return store
+
+
+def _create(campaign: Campaign, calibration: Calibration, patterns: PatternSet, text: str) -> Store:
     from pipelines.reconstruction import footprint_grid
 
-    path, pitch_mm = campaign.store.path, campaign.grid.pitch_mm
-    units = {name: METRICS[name].unit for name in campaign.metrics}
-    if path.exists():
-        store = open_store(path, write=True, metrics=units)
-        kept = store.about.grid
-        if pitch_mm is not None and kept is not None and abs(kept.pitch_mm - pitch_mm) > 1e-9:
-            store.close()
-            raise InputError(
-                f"grid.pitch_mm is {pitch_mm:g}, but the store {path} has cells of {kept.pitch_mm:g} mm: "
-                "take the store's pitch, or give store.path another name"
-            )
-        return store
     try:
-        grid = footprint_grid(calibration, pitch_mm)
+        grid = footprint_grid(calibration, campaign.grid.pitch_mm)
     except ValueError as error:
         raise InputError(f"calibration {calibration.id}: {error}") from None
     return create_store(
-        path,
+        campaign.store.path,
         site=campaign.site.name,
         grid=grid,
         campaign=text,
         campaign_hash=campaign_hash(campaign, patterns),
-        metrics=units,
+        metrics=_units(campaign),
         software=f"microrelief {__version__}",
         kind=campaign.store.kind,
     )

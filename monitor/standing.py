@@ -111,7 +111,7 @@ def look(path: Path, now: Instant, campaign: Campaign | None = None) -> Standing
     running = writer_of(path) is not None
     coming, overdue = _due(campaign, rows, now, running=running, ended=_ended(store))
     alarms = dict(newest.alarms) if newest is not None else {}
-    state, why = _judge(rows, alarms, overdue, empty=newest is None)
+    state, why = _judge(rows, alarms, overdue, _lost(store, rows), empty=newest is None)
     disk, free, full = _disk(path, store, now)
     return Standing(
         store.about.site, str(path), state, running, len(store),
@@ -167,8 +167,15 @@ def _overdue(campaign: Campaign, slots: Slots, last: Instant, now: Instant) -> i
     return len(due)
 
 
+def _lost(store: Store, rows: tuple[LedgerRow, ...]) -> str:
+    """What the store lost since the oldest of the newest slots; empty if nothing."""
+    since = rows[-RECENT:][0].planned if rows else None
+    lost = [event for event in store.events if event.kind == "lost" and (since is None or event.time >= since)]
+    return lost[-1].text if lost else ""
+
+
 def _judge(
-    rows: tuple[LedgerRow, ...], alarms: Mapping[str, AlarmState], overdue: int, *, empty: bool
+    rows: tuple[LedgerRow, ...], alarms: Mapping[str, AlarmState], overdue: int, lost: str, *, empty: bool
 ) -> tuple[str, str]:
     worst = worst_state(alarms.values())
     if worst == "alarm":
@@ -176,6 +183,8 @@ def _judge(
     bad = [row for row in rows[-RECENT:] if row.state in ("missed", "rejected", "failed")]
     if overdue:
         return "degraded", f"{overdue} {'slot is' if overdue == 1 else 'slots are'} overdue and nobody answered"
+    if lost:
+        return "degraded", lost
     if bad:
         text = f"{len(bad)} of the newest {min(len(rows), RECENT)} slots not taken; the last: {bad[-1].state}"
         return "degraded", f"{text} {format_instant(bad[-1].planned)}, {bad[-1].cause}"

@@ -18,7 +18,8 @@ __all__ = ["Event", "Tick"]
 class Event:
     """Something that people should know about a campaign, at a time.
 
-    `kind` is one of ``failed``, ``missed``, ``rejected``, ``alarm``, ``acknowledged``, ``epoch``, ``note``.
+    `kind` is one of ``failed``, ``missed``, ``rejected``, ``lost`` (scans that were kept are gone), ``alarm``,
+    ``acknowledged``, ``epoch``, ``note``.
     """
 
     time: Instant

@@ -70,7 +70,7 @@ class IcechunkStore:
             created = parse_instant(self._root.attrs["created"])
             when = self._tail.time if self._tail.time is not None else created
             newest = f"scan {self._tail.count - 1}" if self._tail.count else "no scan"
-            self._lost = (Event(when, "note", f"store: {lost}, whose newest is {newest}; what came after is lost"),)
+            self._lost = (Event(when, "lost", f"store: {lost}, whose newest is {newest}; what came after is lost"),)
             if lock is not None:
                 self._go_back()
 

@@ -18,6 +18,7 @@ from configs import InputError, StoreError
 from monitor.campaign import run_campaign
 from monitor.clock import AcceleratedClock
 from monitor.loop import BEGAN, ENDED, Settled
+from monitor.standing import look
 from pipelines import instant
 from storage import Ledger, ledger_beside, open_store
 from storage.ledger import INTERRUPTED
@@ -267,3 +268,29 @@ def test_kill_9_in_a_campaign_of_the_simulated_rig(start: Start, tmp_path: Path)
 @pytest.mark.parametrize("seed", range(5))
 def test_many_kills(start: Start, tmp_path: Path, seed: int) -> None:
     kill_and_resume(start, tmp_path, 20, random.Random(seed))
+
+
+def test_a_place_below_a_file_is_refused_before_anything_is_opened(tmp_path: Path) -> None:
+    (tmp_path / "note.txt").write_text("not a folder")
+    campaign = campaign_in(tmp_path)
+    below = campaign.store.model_copy(update={"path": tmp_path / "note.txt" / "site.icechunk"})
+    stages: list[str] = []
+    with pytest.raises(InputError, match=r"note\.txt is a file, not a folder"):
+        run_campaign(campaign.model_copy(update={"store": below}), clock=AcceleratedClock(T0), on_stage=stages.append)
+    assert stages == []
+
+
+def test_a_region_off_the_grid_is_refused_with_what_the_grid_covers(tmp_path: Path) -> None:
+    far = campaign_in(tmp_path).model_copy(update={"region_mm": ((50.0, 50.0), (60.0, 50.0), (60.0, 60.0))})
+    with pytest.raises(InputError, match="region_mm holds no cell: the height map reaches from"):
+        run_campaign(far, clock=AcceleratedClock(T0), rig=Rig(), work=work, max_scans=1)
+
+
+def test_a_store_that_lost_scans_is_degraded(tmp_path: Path) -> None:
+    go(tmp_path, 3)
+    path = tmp_path / "site.icechunk"
+    newest = max((path / "snapshots").iterdir(), key=lambda file: file.stat().st_mtime_ns)
+    newest.write_bytes(b"")  # as a power cut may leave it
+    standing = look(path, T0 + 3 * HOUR, campaign_in(tmp_path))
+    assert standing.state == "degraded"
+    assert "what came after is lost" in standing.why
