@@ -113,8 +113,8 @@ LEVEL_DRIFT = 0.2
 """Dark level that stripes wide enough to read may have from blur (0.1), and the decoder's least swing (0.1)."""
 HALF_LIGHT = 0.5
 """A frame with less light than this is rejected; so is a dark level above it."""
-MIXED_REJECT = 0.25
-"""Of an exposure: an edge then moves by a quarter of its width."""
+MIXED_FLAG, MIXED_REJECT = 0.1, 0.25
+"""Of an exposure: the decoder's least swing (less passes for flicker); an edge moves by a quarter of its width."""
 MOVED_FLAG_PX, MOVED_REJECT_PX = 0.2, 1.0
 """Camera px. Sub-pixel places are good to about 0.1; above one, pattern and inverse do not belong to one pixel."""
 MOVED_SDS = 5
@@ -272,12 +272,13 @@ def _light(sample: Sample, figures: LightFigures) -> list[Finding]:
     mixed = np.nan_to_num(figures.mixed, nan=0.0)
     light, ambient = figures.light, figures.ambient
     pairs = [(p, n) for _, _, p, n in pairs_of(sample.patterns) if n >= 0]
-    if mixed.max(initial=0.0) > limit:
+    least = max(MIXED_FLAG, limit)
+    if mixed.max(initial=0.0) > least:
         worst, frames = float(mixed.max()), np.flatnonzero(mixed > limit)
         severity: Severity = "reject" if worst > MIXED_REJECT else "flag"
         text = f"{100 * worst:.0f} % of the light of {_some(sample, frames, mixed)} belongs to the pattern beside it"
         findings.append(
-            Finding("interrupted", severity, _names(sample, frames), worst, limit, "share of another pattern", text)
+            Finding("interrupted", severity, _names(sample, frames), worst, least, "share of another pattern", text)
         )
         return findings  # light levels echo it
     dark_steps = np.array([abs(ambient[p] - ambient[n]) for p, n in pairs] or [0.0])

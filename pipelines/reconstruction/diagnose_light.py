@@ -83,7 +83,7 @@ def light_figures(sample: Sample) -> LightFigures:
         light[white] = float(np.median(share[white] + share[black]))  # as of pairs, so that blur matters to neither
         ambient[black] = float(np.median(share[black]))
         _levels_of_pairs(sample, light, ambient)
-        _mixtures(sample, mixed)
+        _mixtures(sample, mixed, ambient - np.nanmedian(ambient))
         ambient -= np.nanmedian(ambient)
         middle = float(np.nanmedian(light))
         light /= middle if middle > 0 else 1.0
@@ -137,7 +137,7 @@ def _levels_of_pairs(sample: Sample, light: Doubles, ambient: Doubles) -> None:
                 ambient[frame] = float(np.median(dark))
 
 
-def _mixtures(sample: Sample, mixed: Doubles) -> None:
+def _mixtures(sample: Sample, mixed: Doubles, dark: Doubles) -> None:
     """Share of a neighbouring pattern in each frame of a pair, by least squares on what its partner says it should be.
 
     A pattern that holds some of its own inverse has a lower light level and, by as much, a higher dark level.
@@ -157,7 +157,9 @@ def _mixtures(sample: Sample, mixed: Doubles) -> None:
             shares = [*others, 0.0]
             # with its own inverse: light falls by 2 a and dark rises by 2 a; less light alone leaves the dark
             if abs(frame - partner) == 1 and 1 - own > offset:
-                shares.append((1 - own - offset - sum(others)) / 2)
+                part = (1 - own - offset - sum(others)) / 2
+                raised = dark[frame]  # two lamps that differ have (1 - own) too, but black stays black
+                shares.append(part if np.isnan(raised) else min(part, float(raised)))
             mixed[frame] = max(shares)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import combinations, pairwise, permutations
 from math import sqrt
 
@@ -28,6 +29,8 @@ AGREE = 0.6
 """Stripes follow the code if their sign at the edges of coarser ones is right so much more often than wrong."""
 VALID = 0.9
 """Share of the lit pixels that must carry a word which the set projects."""
+FLAT = 0.1
+"""Variance (of values from -1 to 1) below which a frame shows no pattern; one that is resolved has 0.5 to 1."""
 LATE = 0.2
 """Share of another pattern in every frame above which the code is no longer seen."""
 UNSEEN = 0.3
@@ -72,6 +75,7 @@ class _Fit:
         return bool((self.unlike < UNLIKE).all())
 
 
+@lru_cache(maxsize=64)
 def pairs_of(patterns: PatternSet) -> list[tuple[str, int, int, int]]:
     """List axis, bit, and the places of pattern and inverse (-1 where there is none) of each stripe pattern."""
     place = {(role.axis, role.index, role.inverted): n for n, role in enumerate(patterns.roles) if role.what == "bit"}
@@ -158,8 +162,8 @@ class _Order:
             mended[[p, n]] = mended[[n, p]]
         fits = [self.fit(self.patterns, mended)]
         # where no edge of a coarser one is seen, the words tell the sign
-        first = [(p, n) for axis, bit, p, n in pairs if bit < 2 and not votes[axis][bit]]  # type: ignore[index]
-        for chosen in [c for size in range(1, len(first) + 1) for c in combinations(first, size)]:
+        first = [(p, n) for axis, bit, p, n in pairs if bit < 3 and not votes[axis][bit]]  # type: ignore[index]
+        for chosen in [c for size in (1, 2) for c in combinations(first, size)]:
             mapping = mended.copy()
             for p, n in chosen:
                 mapping[[p, n]] = mapping[[n, p]]
@@ -240,6 +244,9 @@ class _Order:
         if twin is not None:
             told = f"frame {n} shows what frame {twin} shows instead of {self._name(n)}"
             return OrderFault("repeated", (n,), worst, UNLIKE, measure, told)
+        if self.u[n].var() < FLAT and abs(self.mean[n]) < 0.5:  # half of a pattern and half of its inverse is grey
+            told = f"frame {n} holds about as much of a neighbour as of {self._name(n)}"
+            return OrderFault("interrupted", (n,), 0.5, LATE, "share of another pattern", told)
         told = f"frame {n} does not show {self._name(n)}, nor any other pattern"
         return OrderFault("missing", (n,), worst, UNLIKE, measure, told)
 

@@ -103,10 +103,12 @@ def _tiles(stack: Stack) -> Floats:
     high, wide = min(TILE[0], rows), min(TILE[1], columns)
     across = max(1, min(columns // wide, round(sqrt(TILES * columns / rows))))
     down = max(1, min(rows // high, -(-TILES // across)))
-    tops = np.linspace(0, rows - high, down).astype(np.int64)
-    lefts = np.linspace(0, columns - wide, across).astype(np.int64)
+    # staggered, so that a line along the image's rows or columns meets some tile wherever it lies
+    tops, lefts = (rows - high) / down, (columns - wide) / across
     tiles = np.empty((count, down * across, high, wide), np.float32)
-    for number, (top, left) in enumerate((top, left) for top in tops for left in lefts):
+    for number, (i, j) in enumerate((i, j) for i in range(down) for j in range(across)):
+        top = round((i + (j + 0.5) / across) * tops)
+        left = round((j + (i + 0.5) / down) * lefts)
         tiles[:, number] = stack[:, top : top + high, left : left + wide]
     return tiles
 

@@ -6,7 +6,7 @@ from collections import Counter
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from time import perf_counter
+from time import thread_time
 
 import numpy as np
 import numpy.typing as npt
@@ -120,24 +120,16 @@ def test_frames_are_named() -> None:
 
 
 def test_a_full_capture_takes_little_time() -> None:
-    small = simulated(camera=(640, 480))
+    small = simulated()
     stack = np.tile(small, (1, 3, 4))
     diagnose_stack(stack, PATTERNS)
-    best = min(_seconds(stack) for _ in range(5))
-    read = min(_read_seconds(stack) for _ in range(3))
-    assert best < max(0.15, 10 * read), f"{best:.3f} s, reading the frames takes {read:.3f} s"
+    assert min(_seconds(stack) for _ in range(5)) < 0.15  # of this thread: other tests may run beside it
 
 
 def _seconds(stack: Stack) -> float:
-    began = perf_counter()
+    began = thread_time()
     diagnose_stack(stack, PATTERNS)
-    return perf_counter() - began
-
-
-def _read_seconds(stack: Stack) -> float:
-    began = perf_counter()
-    stack.max()
-    return perf_counter() - began
+    return thread_time() - began
 
 
 def test_the_page_lists_every_cause() -> None:
