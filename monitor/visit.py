@@ -121,13 +121,14 @@ def visit(frames: Frames, recipe: Recipe, epoch: Epoch | None, planned: Instant)
     Raises
     ------
     CaptureError, ValueError
-        If the frames cannot become a height map.
+        If the frames cannot become a height map, or `diagnose` rejects them.
     """
+    notes = _remarks(frames)
     scan = make_scan(frames, recipe)
     kept = frames if recipe.keep_frames else None
     if epoch is None or scan.calibration_id != epoch.baseline.calibration_id:
         alarms: dict[str, AlarmState] = {alarm.name: "ok" for alarm in recipe.alarms}
-        tick = Tick(planned, scan, alarms=alarms, calibration=recipe.calibration, frames=kept)
+        tick = Tick(planned, scan, alarms=alarms, events=notes, calibration=recipe.calibration, frames=kept)
         return Yield(tick, "taken")
 
     from pipelines.change import compare, measure
@@ -146,8 +147,19 @@ def visit(frames: Frames, recipe: Recipe, epoch: Epoch | None, planned: Instant)
         events = (Event(scan.time, "rejected", cause), *events)
     elif motion.verdict == "doubtful":
         events = (Event(scan.time, "note", f"registration doubtful: {motion.reason}"), *events)
+    events = (*events, *notes)
     tick = Tick(planned, scan, comparison.change, metrics, states, events, recipe.calibration, kept)
     return Yield(tick, "rejected" if cause else "taken", cause)
+
+
+def _remarks(frames: Frames) -> tuple[Event, ...]:
+    """Refuse a capture that would give wrong heights; of one that is to be used with care, say why."""
+    from pipelines.reconstruction import diagnose
+
+    found = diagnose(frames)
+    if found.verdict == "reject":
+        raise CaptureError(f"capture rejected: {found.findings[0].line}")
+    return tuple(Event(frames.time, "note", f"capture: {finding.line}") for finding in found.findings)
 
 
 def failed_tick(planned: Instant, at: Instant, kind: Literal["failed", "rejected", "missed"], text: str) -> Tick:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from configs import Alarm
+from configs import Alarm, CaptureError
 from monitor import visit as module
 from monitor.visit import Epoch, Recipe, visit
 from pipelines import LEVEL_NONE, Frames, Grid, Scan
@@ -50,8 +50,9 @@ FRAMES = Frames(np.zeros((len(PATTERNS.roles), 4, 5), np.uint8), T0, PATTERNS)
 
 @pytest.fixture
 def gives(monkeypatch: pytest.MonkeyPatch) -> list[Scan]:
-    """The scans that the reconstruction gives, one after the other."""
+    """The scans that the reconstruction gives, one after the other, of captures that are fine."""
     scans: list[Scan] = []
+    monkeypatch.setattr(module, "_remarks", lambda frames: ())
     monkeypatch.setattr(module, "make_scan", lambda frames, recipe: scans.pop(0))
     return scans
 
@@ -107,3 +108,8 @@ def test_frames_are_kept_only_where_the_campaign_retains_them(gives: list[Scan])
     gives.extend([scan_at(0, relief()), scan_at(0, relief())])
     assert visit(FRAMES, RECIPE, None, T0).tick.frames is None
     assert visit(FRAMES, replace(RECIPE, keep_frames=True), None, T0).tick.frames is FRAMES
+
+
+def test_a_capture_that_would_give_wrong_heights_is_rejected_with_its_cause() -> None:
+    with pytest.raises(CaptureError, match="capture rejected: underexposure: white is"):
+        visit(FRAMES, RECIPE, None, T0)
