@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
-from itertools import combinations, pairwise, permutations
+from itertools import combinations, pairwise
 from math import sqrt
 
 import numpy as np
 import numpy.typing as npt
 
 from .diagnose_code import edge_votes, planes_of, valid_share
+from .diagnose_explanations import difference, exchange, other_sets, shifted, swap, with_extra, without
 from .diagnose_sample import Sample
-from .patterns import AXES, PAPER_STRIPES, PatternSet
+from .patterns import AXES, PatternSet
 
 __all__ = ["OrderFault", "find_order_faults", "pairs_of"]
 
@@ -135,13 +135,13 @@ class _Order:
         roles, count = len(self.patterns.roles), self.count
         said = f"{count} frames instead of {roles}"
         if count == roles - 1:
-            best = self._best(self.patterns, [_without(roles, n) for n in range(roles)])
+            best = self._best(self.patterns, [without(roles, n) for n in range(roles)])
             lost = int(np.flatnonzero(best.mapping < 0)[0])
             if best.paired and best.agree > AGREE:
                 told = f"{said}; most likely {self._name(lost)}, frame {lost}, is missing"
                 return OrderFault("missing", (lost,), count, roles, "frames", told)
         elif count == roles + 1:
-            best = self._best(self.patterns, [_with_extra(roles, n) for n in range(count)])
+            best = self._best(self.patterns, [with_extra(roles, n) for n in range(count)])
             extra = int(np.setdiff1d(np.arange(count), best.mapping)[0])
             if best.paired and best.agree > AGREE:
                 twin = self._twin(extra, near=True)
@@ -176,7 +176,7 @@ class _Order:
             if worst > -0.5:
                 value, limit, measure = own.valid, VALID, "share of the pixels with a word of the set"
             return (OrderFault("pair", moved, value, limit, measure, "pattern and inverse have changed places"),)
-        exchanged = self._best(self.patterns, [_exchange(roles, a, b) for a, b in pairwise(pairs)])
+        exchanged = self._best(self.patterns, [exchange(roles, a, b) for a, b in pairwise(pairs)])
         if exchanged.sound and exchanged.cost < own.cost - 0.1:
             moved = tuple(int(n) for n in np.flatnonzero(exchanged.mapping != np.arange(roles)))
             return (
@@ -195,7 +195,7 @@ class _Order:
         roles = len(self.patterns.roles)
         named: list[tuple[str, int, Ints]] = []
         for n in range(roles):
-            early, late, lost = _without(roles, n), np.arange(roles), np.arange(roles)
+            early, late, lost = without(roles, n), np.arange(roles), np.arange(roles)
             early[n + 1 :] = np.arange(n, roles - 1)
             late[n + 1 :] += 1
             lost[n] = -1
@@ -204,8 +204,8 @@ class _Order:
                 late[-1] = -1
                 named.append(("late", n, late))
         for shift in (1, 2, -2):
-            named.append(("shift", shift, _shifted(roles, shift)))
-        swaps = [("swap", 0, _swap(roles, a, b)) for a, b in combinations(range(roles), 2)]
+            named.append(("shift", shift, shifted(roles, shift)))
+        swaps = [("swap", 0, swap(roles, a, b)) for a, b in combinations(range(roles), 2)]
         ranked = sorted(named + swaps, key=lambda item: self._rough(self.patterns, item[2]))[:FINALISTS]
         fits = [(what, n, self.fit(self.patterns, mapping)) for what, n, mapping in ranked]
         what, n, best = min(fits, key=lambda item: (round(item[2].cost, 3), item[0] == "lost"))
@@ -269,13 +269,13 @@ class _Order:
         if late > LATE:
             told = f"every exposure catches about {100 * late:.0f} % of the pattern beside it"
             return OrderFault("interrupted", tuple(range(roles)), late, LATE, "share of another pattern", told)
-        others = [p for p in _other_sets(self.patterns) if len(p.roles) == roles]
+        others = [p for p in other_sets(self.patterns) if len(p.roles) == roles]
         others.sort(key=lambda patterns: self._rough(patterns, np.arange(roles)))
         fits = [(patterns, self.fit(patterns, np.arange(roles))) for patterns in others[:FINALISTS]]
         patterns, best = min(fits, key=lambda item: item[1].cost, default=(self.patterns, own))
         told = "the frames do not follow the pattern set"
         if best.sound and best.cost < own.cost - 0.1:
-            told += f"; {_difference(patterns, self.patterns)} would fit"
+            told += f"; {difference(patterns, self.patterns)} would fit"
         value, limit, measure = own.agree, AGREE, "agreement with the code"
         if own.agree > AGREE:
             value, limit, measure = own.valid, VALID, "share of the pixels with a word of the set"
@@ -336,66 +336,3 @@ class _Order:
 
     def _name(self, place: int) -> str:
         return self.patterns.roles[place].name
-
-
-def _without(roles: int, lost: int) -> Ints:
-    """Frames of a stack from which one is missing and the others closed up."""
-    mapping = np.arange(roles)
-    mapping[lost:] -= 1
-    mapping[lost] = -1
-    return mapping
-
-
-def _with_extra(roles: int, extra: int) -> Ints:
-    mapping = np.arange(roles)
-    mapping[extra:] += 1
-    return mapping
-
-
-def _shifted(roles: int, shift: int) -> Ints:
-    mapping = np.arange(roles) + shift
-    mapping[(mapping < 0) | (mapping >= roles)] = -1
-    return mapping
-
-
-def _swap(roles: int, a: int, b: int) -> Ints:
-    mapping = np.arange(roles)
-    mapping[[a, b]] = b, a
-    return mapping
-
-
-def _exchange(roles: int, one: tuple[str, int, int, int], other: tuple[str, int, int, int]) -> Ints:
-    mapping = _swap(roles, one[2], other[2])
-    mapping[[one[3], other[3]]] = other[3], one[3]
-    return mapping
-
-
-def _other_sets(patterns: PatternSet) -> Iterator[PatternSet]:
-    """Sets that people mix up with this one."""
-    kinds = [patterns]
-    if patterns.kind == "gray":
-        kinds.append(replace(patterns, offset="none" if patterns.offset == "centred" else "centred"))
-        needed = tuple((length - 1).bit_length() for length in patterns.size)
-        if set(patterns.bits) <= {0, len(PAPER_STRIPES)} and min(patterns.size) >= max(PAPER_STRIPES):
-            kinds.append(replace(patterns, kind="stripes", offset="none"))
-    elif patterns.kind == "stripes":
-        needed = tuple((length - 1).bit_length() for length in patterns.size)
-        if all(bits in (0, need) for bits, need in zip(patterns.bits, needed, strict=True)):
-            gray = replace(patterns, kind="gray", counts=())
-            kinds += [gray, replace(gray, offset="centred")]
-    for kind in kinds:
-        for order in permutations(patterns.order):
-            for msb_first in (True, False):
-                other = replace(kind, order=order, msb_first=msb_first)
-                if other != patterns:
-                    yield other
-
-
-def _difference(patterns: PatternSet, own: PatternSet) -> str:
-    """Say in which fields of the pattern file a set differs."""
-    theirs, ours = patterns.as_mapping(), own.as_mapping()
-    return ", ".join(
-        f"{key}: {value}".lower() if isinstance(value, bool) else f"{key}: {value}"
-        for key, value in theirs.items()
-        if ours.get(key) != value and key != "counts"
-    ).replace("'", "")
