@@ -87,19 +87,28 @@ class Looker:
 
     def picture(self, view: str | None = None) -> Picture:
         """Give one view, or the whole window, as (row, column, 3), once two pictures in a row agree."""
-        view_id = self.views[view].view_id if view is not None else None
         deadline = time.monotonic() + self._patience_s
-        last = self._shot(view_id)
+        last = self._shot(view, deadline)
         while time.monotonic() < deadline:
             time.sleep(0.3)
-            now = self._shot(view_id)
+            now = self._shot(view, deadline)
             if now.shape == last.shape and np.array_equal(now, last):
                 return now
             last = now
         raise TimeoutError(f"the view {view or 'window'} was still changing after {self._patience_s:g} s")
 
-    def _shot(self, view_id: str | None) -> Picture:
-        return np.array(Image.open(io.BytesIO(self._client.take_screenshot(view_id))).convert("RGB"))
+    def _shot(self, view: str | None, deadline: float) -> Picture:
+        while True:
+            # looked up each time: while the layout is still being laid out, a view may come again under another id
+            view_id = self.views[view].view_id if view is not None else None
+            try:
+                png = self._client.take_screenshot(view_id)
+            except ConnectionError as error:
+                if "NotFound" not in str(error) or time.monotonic() > deadline:
+                    raise
+                time.sleep(0.1)
+                continue
+            return np.array(Image.open(io.BytesIO(png)).convert("RGB"))
 
 
 @contextmanager
