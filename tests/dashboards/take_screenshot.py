@@ -100,11 +100,11 @@ class Looker:
     def _shot(self, view: str | None, deadline: float) -> Picture:
         while True:
             # looked up each time: while the layout is still being laid out, a view may come again under another id
-            view_id = self.views[view].view_id if view is not None else None
             try:
-                png = self._client.take_screenshot(view_id)
-            except ConnectionError as error:
-                if "NotFound" not in str(error) or time.monotonic() > deadline:
+                png = self._client.take_screenshot(self.views[view].view_id if view is not None else None)
+            except (ConnectionError, KeyError) as error:
+                gone = isinstance(error, KeyError) or "NotFound" in str(error)
+                if not gone or time.monotonic() > deadline:
                     raise
                 time.sleep(0.1)
                 continue
