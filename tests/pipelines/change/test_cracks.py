@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipelines.change import crack_mask, crack_openings
+from pipelines.change.crack_edges import crack_edges
 from pipelines.change.crack_lines import crack_lines
-from pipelines.change.crack_widths import _without_ramp
 from tests.pipelines.change.scans import bumps, sampled, scan_of, soil_scan
 
 PITCH = 0.02
@@ -135,12 +135,42 @@ def test_spurs_are_pruned_and_branches_kept() -> None:
     assert lines.free_ends == 1
 
 
-def test_an_even_profile_without_a_wall_warns_of_nothing() -> None:
-    """Its wall would lie infinitely far away; the edge stays where it was."""
-    z = np.array([[0.5, 0.5, 0.5, 1.0]])
-    middle, level, rim = np.array([0.2]), np.array([0.4]), np.array([1.0])
-    edge = _without_ramp(np.array([1.5]), z, np.array([3]), level, middle, rim, np.arange(4.0))
-    assert edge.tolist() == [1.5]
+def depth_at(shape: str, u: Floats) -> Floats:
+    """Depth of a crack of depth 1 at u half widths from its middle."""
+    inside: Floats = np.clip(1 - u, 0, None)
+    if shape == "parabola":
+        inside = 1 - np.clip(u, 0, 1) ** 2
+    elif shape == "vertical":
+        inside = (u < 1).astype(np.float64)
+    return inside
+
+
+@pytest.mark.parametrize("width", [0.1, 0.25, 0.4])
+@pytest.mark.parametrize(("shape", "pitch"), [(s, p) for s in ("parabola", "vee", "vertical") for p in (0.01, 0.02)])
+def test_the_edge_does_not_depend_on_the_shape(shape: str, pitch: float, width: float) -> None:
+    """Cells are means over 4 x 4 points; the crack winds, so that its walls fall anywhere in a cell."""
+    count, parts = round(2.8 / pitch), 4
+    y, x = (np.mgrid[: count * parts, : count * parts] + 0.5) * pitch / parts - pitch / 2
+    middle = count * pitch / 2
+    across, along = (x - middle) * 0.9 + (y - middle) * 0.436, (y - middle) * 0.9 - (x - middle) * 0.436
+    distance = np.abs(across + 0.1 * np.sin(1.5 * along)) / np.hypot(1, 0.15 * np.cos(1.5 * along))
+    lift = 0.1 * np.exp(-np.maximum(distance - width / 2, 0) / 0.8)
+    surface = lift - 0.6 * depth_at(shape, distance / (width / 2)) + 0.3 * bumps(3)(x, y)
+    height = surface.reshape(count, parts, count, parts).mean(axis=(1, 3))
+    noise = np.random.default_rng(1).normal(0, 0.003, height.shape)
+    opening, _ = mean_opening(height + noise, pitch=pitch)
+    cells = width / pitch
+    # half a crack of fewer than some five cells does not tell a steep wall from a bent one
+    assert opening == pytest.approx(width, abs=(0.45 if cells > 10 else 0.6) * pitch)
+
+
+def test_what_cannot_be_told_warns_of_nothing() -> None:
+    """An even profile without a wall, one that was hardly measured and one beside the field's border."""
+    z = np.array([[0.5] * 12 + [1.0], [np.nan] * 11 + [1.0, 1.0], [0.0, 0.0, 0.0] + [1.0] * 10])
+    inside = np.arange(13) < np.array([[11], [11], [13]])
+    edge, sigma, crossed = crack_edges(z, inside, np.array([0.5, np.inf, 0.0]), 0.01)
+    assert edge.shape == sigma.shape == crossed.shape == (3,)
+    assert np.isnan(edge[2])  # it never leaves the mask
 
 
 @pytest.mark.parametrize(("name", "epoch", "overlap"), [("a", 0, 0.94), ("a", 1, 0.95), ("b", 0, 0.92), ("b", 1, 0.94)])
@@ -151,7 +181,6 @@ def test_soils(shared_data: Path, name: str, epoch: int, overlap: float) -> None
     found = crack_openings(scan, mask)
     seen = np.isfinite(found.opening_mm)
     assert seen.mean() > 0.9
-    mean = np.average(found.opening_mm[seen], weights=found.step_mm[seen])
-    width = known["width_mm"][epoch]
-    assert mean == pytest.approx(width, abs=0.006 + 0.05 * width)  # a cell is 0.01 mm
+    # where a crack begins and at junctions it has another width than the nominal one: the middle says what is right
+    assert np.nanmedian(found.opening_mm) == pytest.approx(known["width_mm"][epoch], abs=0.005)  # a cell is 0.01 mm
     assert found.lines.step.sum() == pytest.approx(crack_lines(truth).step.sum(), rel=0.03)
