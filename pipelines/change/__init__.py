@@ -1,6 +1,7 @@
 """Two height maps to what moved, how much, and how sure we are. Uses nothing of `reconstruction`."""
 
 from .compare import compare
+from .crack_depths import CrackDepths, crack_depths
 from .crack_widths import CrackOpenings, crack_openings
 from .cracks import CrackRule, crack_mask
 from .curl import edge_lift
@@ -18,6 +19,7 @@ __all__ = [
     "METRICS",
     "Change",
     "Comparison",
+    "CrackDepths",
     "CrackOpenings",
     "CrackRule",
     "Deposit",
@@ -28,6 +30,7 @@ __all__ = [
     "Volumes",
     "apply_motion",
     "compare",
+    "crack_depths",
     "crack_mask",
     "crack_openings",
     "difference",

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..scan import Scan
+from .crack_depths import CrackDepths, crack_depths
 from .crack_widths import CrackOpenings, crack_openings
 from .cracks import crack_mask
 from .curl import edge_lift
@@ -42,6 +43,11 @@ def _baseline_crack(baseline: Scan) -> npt.NDArray[np.bool_]:
 @lru_cache(maxsize=1)
 def _openings(comparison: Comparison) -> CrackOpenings:
     return crack_openings(comparison.scan, _crack(comparison))
+
+
+@lru_cache(maxsize=1)
+def _depths(comparison: Comparison) -> CrackDepths:
+    return crack_depths(comparison.scan, _crack(comparison), _openings(comparison).lines)
 
 
 def _gained(comparison: Comparison) -> Measurement:
@@ -85,6 +91,18 @@ def _crack_opening(comparison: Comparison) -> Measurement:
         return NOT_MEASURED
     mean = float(np.average(openings.opening_mm[known], weights=openings.step_mm[known]))
     return Measurement(mean, _opening_sigma(openings, comparison.scan.grid.pitch_mm))
+
+
+def _crack_depth(comparison: Comparison) -> Measurement:
+    return _depths(comparison).mean
+
+
+def _crack_volume(comparison: Comparison) -> Measurement:
+    return _depths(comparison).volume
+
+
+def _crack_seen(comparison: Comparison) -> Measurement:
+    return Measurement(_depths(comparison).seen, 0.0)
 
 
 def _opening_sigma(openings: CrackOpenings, pitch_mm: float) -> float:
@@ -167,6 +185,27 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 _crack_opening,
             ),
             Metric(
+                "crack_depth",
+                "mm",
+                "Crack depth",
+                "Mean depth along the cracks' centre lines below the nearest rim, where the floor was seen; at least.",
+                _crack_depth,
+            ),
+            Metric(
+                "crack_volume",
+                "mm3",
+                "Crack volume",
+                "Volume of the cracks below their rims, where the floor was seen; at least.",
+                _crack_volume,
+            ),
+            Metric(
+                "crack_seen",
+                "1",
+                "Crack floor seen",
+                "Share of the crack cells whose floor was measured: what crack depth and volume rest on.",
+                _crack_seen,
+            ),
+            Metric(
                 "edge_lift",
                 "mm",
                 "Edge lift",
@@ -219,5 +258,5 @@ def measure(comparison: Comparison, names: Iterable[str]) -> dict[str, Measureme
     try:
         return {name: METRICS[name].measure(comparison) for name in wanted}
     finally:
-        for cached in (_volumes, _crack, _openings):
+        for cached in (_volumes, _crack, _openings, _depths):
             cached.cache_clear()
