@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from .board import Chessboard, Plane
 from .crack_network import CentreLines, CrackNetwork
+from .organisms import Organisms, OrganismsTruth
 from .scene import Ground, Scene, SceneTruth
 from .soil import Soil
 from .star import Star
@@ -14,6 +15,8 @@ __all__ = [
     "Chessboard",
     "CrackNetwork",
     "Ground",
+    "Organisms",
+    "OrganismsTruth",
     "Plane",
     "Scene",
     "SceneTruth",
@@ -26,5 +29,6 @@ SCENES: dict[str, Callable[..., Scene]] = {
     "board": Chessboard,
     "plane": Plane,
     "star": Star,
+    "organisms": Organisms,
 }
 """Every scene by name; each is made from plain keywords."""
