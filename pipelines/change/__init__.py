@@ -10,8 +10,11 @@ from .difference import difference
 from .metrics import METRICS, measure
 from .motion import Motion, Verdict
 from .move import apply_motion
+from .objects import Expected, ObjectRule, StandingObject, find_objects
 from .regions import polygon_mask
 from .register import register
+from .substrate import Substrate, bare_substrate, update_substrate
+from .tracking import Sighting, Sightings, follow_objects
 from .values import Change, Comparison, Measurement, Metric
 from .volume import Volumes, volumes
 
@@ -23,12 +26,19 @@ __all__ = [
     "CrackOpenings",
     "CrackRule",
     "Deposit",
+    "Expected",
     "Measurement",
     "Metric",
     "Motion",
+    "ObjectRule",
+    "Sighting",
+    "Sightings",
+    "StandingObject",
+    "Substrate",
     "Verdict",
     "Volumes",
     "apply_motion",
+    "bare_substrate",
     "compare",
     "crack_depths",
     "crack_mask",
@@ -36,8 +46,11 @@ __all__ = [
     "difference",
     "edge_lift",
     "find_deposits",
+    "find_objects",
+    "follow_objects",
     "measure",
     "polygon_mask",
     "register",
+    "update_substrate",
     "volumes",
 ]

@@ -15,6 +15,8 @@ __all__ = ["Organisms", "OrganismsGround", "OrganismsTruth"]
 
 WAVES = 3  # sines per coordinate of a path
 SECONDS = 3600.0
+KEPT_APART_S = 600
+TRIES = 200
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,7 +70,7 @@ class Organisms:
         The organisms keep within |x|, |y| < side / 2.
     length_mm, width_mm, height_mm : (float, float)
         Smallest and largest of each.
-    speed_mm_s, bite_s, bite_mm3, bite_radius_mm : float
+    speed_mm_s, apart_mm, bite_s, bite_mm3, bite_radius_mm : float
 
     Raises
     ------
@@ -83,6 +85,7 @@ class Organisms:
     width_mm: tuple[float, float] = (0.3, 0.45)
     height_mm: tuple[float, float] = (0.12, 0.25)
     speed_mm_s: float = 0.05
+    apart_mm: float = 0.4
     bite_s: float = 4.0
     bite_mm3: float = 2e-4
     bite_radius_mm: float = 0.15
@@ -212,23 +215,32 @@ def _bodies(scene: Organisms) -> tuple[Array, Array, Array]:
 def _waves(scene: Organisms) -> tuple[Array, Array, Array, Array]:
     """Middle (2, count), and amplitude, frequency and phase (2, count, wave) of every path."""
     random = np.random.default_rng([scene.seed, 2])
-    shape = 2, scene.count, WAVES
-    amplitude = random.uniform(0.2, 0.5, shape)
-    period = random.uniform(25.0, 90.0, shape)
-    phase = random.uniform(0, 2 * np.pi, shape)
-    frequency = 2 * np.pi / period
-    # the root mean square of the speed is that of the sines
-    speed = np.sqrt((amplitude**2 * frequency**2 / 2).sum(axis=(0, 2)))
-    amplitude *= (scene.speed_mm_s / speed)[None, :, None]
-    reach = amplitude.sum(axis=2).max(axis=0) + scene.length_mm[1] / 2
     # on a shaken lattice, so that the field is filled; paths may cross
     columns = int(np.ceil(np.sqrt(scene.count)))
     rows = -(-scene.count // columns)
-    cell = scene.side_mm / np.array([[columns], [rows]])
-    lattice = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=0).reshape(2, -1)[:, : scene.count]
-    middle = (lattice + 0.5 + random.uniform(-0.25, 0.25, (2, scene.count))) * cell - scene.side_mm / 2
-    room = np.maximum(scene.side_mm / 2 - reach, 0)
-    return np.clip(middle, -room, room), amplitude, frequency, phase
+    cell = scene.side_mm / np.array([columns, rows])
+    seconds = np.arange(0.0, KEPT_APART_S + 1)[:, None, None]
+    drawn: list[tuple[Array, Array, Array, Array]] = []
+    gone: list[Array] = []
+    for k in range(scene.count):
+        # the last try stands: a crowded plate has no room to keep apart
+        for _ in range(TRIES):
+            amplitude = random.uniform(0.2, 0.5, (2, WAVES))
+            frequency = 2 * np.pi / random.uniform(25.0, 90.0, (2, WAVES))
+            phase = random.uniform(0, 2 * np.pi, (2, WAVES))
+            # the root mean square of the speed is that of the sines
+            amplitude *= scene.speed_mm_s / np.sqrt((amplitude**2 * frequency**2 / 2).sum())
+            reach = amplitude.sum(axis=1).max() + scene.length_mm[1] / 2
+            room = max(scene.side_mm / 2 - reach, 0.0)
+            lattice = np.array([k % columns, k // columns]) + 0.5 + random.uniform(-0.25, 0.25, 2)
+            middle = np.clip(lattice * cell - scene.side_mm / 2, -room, room)
+            path = middle + (amplitude * np.sin(frequency * seconds + phase)).sum(axis=2)
+            if all(np.hypot(*(path - other).T).min() >= scene.apart_mm for other in gone):
+                break
+        drawn.append((middle, amplitude, frequency, phase))
+        gone.append(path)
+    middles, amplitudes, frequencies, phases = (np.stack(part, axis=1) for part in zip(*drawn, strict=True))
+    return middles, amplitudes, frequencies, phases
 
 
 def _places(scene: Organisms, t: float) -> tuple[Array, Array]:
