@@ -34,6 +34,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "status": ("status:status", "Say how a campaign stands: last, next, missed, alarms."),
     "review": ("review:review", "Look through a store on the Rerun timeline."),
     "report": ("report:report", "Write a trend report."),
+    "track": ("track:track", "Follow what moves on a surface through a store."),
     "resolution": ("resolution:resolution", "Measure contrast against line width, and depth of field, on a chart."),
     "optics": ("optics:optics", "Work out the geometry of a rig: angles, overlap, blur, diffraction."),
     "schema": ("schema:schema", "Write the JSON schema of campaign files, for editors."),
