@@ -5,7 +5,7 @@ from .durable import whole_file
 from .exporters import write_height_map, write_points, write_series
 from .importers import read_height_map
 from .ledger import Ledger, LedgerAddress, LedgerRow, SlotState, ledger_beside
-from .lock import writer_of
+from .location import store_exists, writer_of
 from .pattern_file import read_patterns, write_patterns
 from .store import About, Store, Stored
 from .stores import STORES, create_store, open_store
@@ -26,6 +26,7 @@ __all__ = [
     "read_height_map",
     "read_image",
     "read_patterns",
+    "store_exists",
     "whole_file",
     "write_capture",
     "write_height_map",

@@ -7,22 +7,23 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from configs import InputError, StoreError
+from configs import InputError
 from pipelines import Grid, Instant, instant
 
+from .location import location_of
 from .packing import HeightType, range_mm
 from .store import Store
 
 __all__ = ["STORES", "create_store", "open_store"]
 
 
-def _icechunk(path: Path, **facts: Any) -> Store:
+def _icechunk(path: str | Path, **facts: Any) -> Store:
     from .icechunk_store import IcechunkStore
 
-    return IcechunkStore.create(path, **facts)
+    return IcechunkStore.create(location_of(path), **facts)
 
 
-def _memory(path: Path, **facts: Any) -> Store:
+def _memory(path: str | Path, **facts: Any) -> Store:
     from .memory_store import MemoryStore
 
     return MemoryStore(path, **facts)
@@ -50,7 +51,7 @@ def create_store(
     Parameters
     ----------
     path : str or Path
-        A folder that does not exist yet or is empty.
+        A folder that does not exist yet or is empty, or ``s3://bucket/prefix`` with nothing below it.
     site : str
     grid : Grid
         The grid of every scan of this store.
@@ -79,7 +80,7 @@ def create_store(
         widest = max(grid.shape) * grid.pitch_mm
         height_type = "int16" if widest <= 2 * range_mm("int16") else "int32"
     return STORES[kind](
-        _local(path),
+        path,
         site=site,
         grid=grid,
         campaign=campaign,
@@ -108,10 +109,4 @@ def open_store(path: str | Path, *, write: bool = False, metrics: Mapping[str, s
     """
     from .icechunk_store import IcechunkStore
 
-    return IcechunkStore.open(_local(path), write=write, metrics=dict(metrics or {}))
-
-
-def _local(path: str | Path) -> Path:
-    if "://" in str(path):
-        raise StoreError(f"{path}: stores on object storage are not supported yet: give a local folder")
-    return Path(path)
+    return IcechunkStore.open(location_of(path), write=write, metrics=dict(metrics or {}))

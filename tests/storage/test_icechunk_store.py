@@ -208,8 +208,9 @@ def test_a_store_is_made_once(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["empty", "s"]
     with pytest.raises(StoreError, match="cannot be made"):
         _made(tmp_path / "s" / "config.yaml" / "deeper")
-    with pytest.raises(StoreError, match="not supported yet"):
-        open_store("s3://bucket/site")
+    for elsewhere in ("gs://bucket/site", "https://example.org/site", "s3://"):
+        with pytest.raises(StoreError, match="is no place for a store"):
+            open_store(elsewhere)
 
 
 def test_a_coarse_cell_through_time(tmp_path: Path) -> None:

@@ -11,12 +11,14 @@ import pytest
 
 from configs import StoreError
 from storage import writer_of
-from storage.lock import LOCK, WriterLock
+from storage.location import LOCK
+from storage.lock import WriterLock
 
 HOLD = """
 import sys
 from pathlib import Path
-from storage.lock import LOCK, WriterLock
+from storage.location import LOCK
+from storage.lock import WriterLock
 lock = WriterLock(Path(sys.argv[1]) / LOCK)
 print("held", flush=True)
 sys.stdin.read()

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import storage.repository
+import storage.folder
 from configs import StoreError
 from pipelines import Grid
 from storage import create_store, open_store
@@ -124,7 +124,7 @@ def test_the_reference_moves_only_after_everything_is_synced(tmp_path: Path, mon
         seen.append(reference.read_text())
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
-    monkeypatch.setattr(storage.repository, "sync_file_system", power_cut)
+    monkeypatch.setattr(storage.folder, "sync_file_system", power_cut)
     with pytest.raises(StoreError, match="was not stored: Input/output error"):
         store.append(tick(1))
     assert seen == [before]
