@@ -6,6 +6,7 @@ from .exporters import write_height_map, write_points, write_series
 from .importers import read_height_map
 from .ledger import Ledger, LedgerAddress, LedgerRow, SlotState, ledger_beside
 from .location import store_exists, writer_of
+from .network import network_file_system
 from .pattern_file import read_patterns, write_patterns
 from .store import About, Store, Stored
 from .stores import STORES, create_store, open_store
@@ -21,6 +22,7 @@ __all__ = [
     "Stored",
     "create_store",
     "ledger_beside",
+    "network_file_system",
     "open_store",
     "read_capture",
     "read_height_map",

@@ -102,7 +102,7 @@ class Lease:
         since = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
         holder = f"pid {os.getpid()} on {socket.gethostname()} since {since}"
         self._record = _Record(holder, token_hex(8), _machine(), os.getpid(), _started(os.getpid()))
-        self._lost_to = ""
+        self._lost_to, self._etag = "", ""
         self.taken_from = self._take(pause, clock)
         self._ended = Event()
         self._thread = Thread(target=self._renew, name="microrelief-lease", daemon=True) if beats else None

@@ -176,7 +176,7 @@ def _kill_at_random(folder: Path, kills: int, seed: int) -> tuple[int, int]:
     return acknowledged + 1, len(store)
 
 
-def _check_whole(folder: Path) -> None:
+def check_whole(folder: str | Path) -> None:
     store = open_store(folder)
     times = store.window()["time"].values
     assert (np.diff(times.astype(np.int64)) > 0).all()
@@ -193,7 +193,7 @@ def test_kill_9_loses_nothing_acknowledged(tmp_path: Path) -> None:
     acknowledged, found = _kill_at_random(tmp_path / "s", kills=5, seed=20261122)
     assert acknowledged >= 1
     assert found >= acknowledged
-    _check_whole(tmp_path / "s")
+    check_whole(tmp_path / "s")
 
 
 @pytest.mark.soak
@@ -201,7 +201,7 @@ def test_many_kills_lose_nothing_acknowledged(tmp_path: Path) -> None:
     _store(tmp_path / "s", 1)
     acknowledged, found = _kill_at_random(tmp_path / "s", kills=40, seed=7)
     print(f"40 kills: {acknowledged} scans acknowledged, {found} found")
-    _check_whole(tmp_path / "s")
+    check_whole(tmp_path / "s")
 
 
 FILLER = """
