@@ -335,7 +335,8 @@ def _open_existing(campaign: Campaign) -> Store | None:
     """Open the campaign's store to go on in it; None where there is none yet."""
     path, pitch_mm = campaign.store.path, campaign.grid.pitch_mm
     if not store_exists(path):
-        above = next(folder for folder in campaign.store.beside.absolute().parents if folder.exists())
+        beside = campaign.store.beside.absolute()
+        above = next(folder for folder in (beside, *beside.parents) if folder.exists())
         if not above.is_dir():
             raise InputError(f"store.path {path}: {above} is a file, not a folder; name another place")
         return None

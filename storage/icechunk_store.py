@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -37,7 +37,7 @@ from .records import (
     rows_of_metrics,
     rows_of_scan,
 )
-from .repository import create_repository, newest_whole, open_repository, root_of, short
+from .repository import check_whole, create_repository, newest_whole, open_repository, root_of, short
 from .rows import row, write_rows
 from .series import frame_of
 from .store import About, Stored
@@ -55,11 +55,17 @@ class IcechunkStore:
     A reader sees the snapshot that was newest when it opened; a writer sees its own last append.
     """
 
-    def __init__(self, location: Location, lock: Lock | None) -> None:
+    def __init__(
+        self, location: Location, lock: Lock | None, past: Callable[[Any, Location], str] | None = None
+    ) -> None:
         self._location = location
         self._lock = lock
         self._repository = open_repository(location)
-        snapshot, lost = newest_whole(self._repository, location, self._probe)
+        if past is None:
+            snapshot, lost = newest_whole(self._repository, location, self._probe)
+        else:
+            snapshot, lost = past(self._repository, location), ""
+            check_whole(self._repository, location, snapshot, self._probe)
         self._attach(snapshot)
         self._about, self._height_type, self._tail = self._load()
         self._lost: tuple[Event, ...] = ()
@@ -107,12 +113,18 @@ class IcechunkStore:
             raise
 
     @staticmethod
-    def open(location: Location, *, write: bool, metrics: Mapping[str, str]) -> IcechunkStore:
-        """Open a store; a writer takes the lock, and adds `metrics` that are not there yet."""
+    def open(
+        location: Location,
+        *,
+        write: bool,
+        metrics: Mapping[str, str],
+        past: Callable[[Any, Location], str] | None = None,
+    ) -> IcechunkStore:
+        """Open a store; a writer takes the lock, and adds `metrics` that are not there yet; `past` picks a snapshot."""
         location.check()  # says what is wrong with the place before a lock is made in it
         lock = location.lock() if write else None
         try:
-            store = IcechunkStore(location, lock)
+            store = IcechunkStore(location, lock, past)
             if lock is not None and lock.taken_from:
                 store._note_takeover(lock.taken_from)
             new = {name: unit for name, unit in metrics.items() if name not in store.about.metrics}
@@ -197,6 +209,11 @@ class IcechunkStore:
     def session(self) -> Any:
         """The Icechunk session at ``about.snapshot``: ``xarray.open_zarr(session.store, group="scans")`` reads it."""
         return self._session
+
+    @property
+    def binned(self) -> Any:
+        """The Zarr group of coarse histories; `cell_history` and `line_history` read it."""
+        return self._root["binned"]
 
     def close(self) -> None:
         """Let go of the writer's lock, if held."""

@@ -10,7 +10,7 @@ from configs import StoreError
 
 from .location import BRANCH, Location
 
-__all__ = ["create_repository", "newest_whole", "open_repository", "root_of", "short"]
+__all__ = ["check_whole", "create_repository", "newest_whole", "open_repository", "root_of", "short"]
 
 INLINE_BYTES = 1100
 """A table's newest chunk (128 numbers) lies in the manifest that every commit rewrites anyway: half the files."""
@@ -111,6 +111,13 @@ def newest_whole(repository: Any, location: Location, probe: Callable[[Any], Non
     raise StoreError(
         f"{location}: no snapshot holds a whole store ({first}): check the path, or restore it from a copy"
     )
+
+
+def check_whole(repository: Any, location: Location, snapshot: str, probe: Callable[[Any], None]) -> None:
+    """Raise StoreError where a snapshot cannot be read."""
+    fault = _fault(repository, snapshot, probe)
+    if fault:
+        raise StoreError(f"{location}: snapshot {snapshot} cannot be read: {fault}")
 
 
 def _fault(repository: Any, snapshot: str, probe: Callable[[Any], None]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from pipelines import Grid, Instant, instant
 
 from .location import location_of
 from .packing import HeightType, range_mm
+from .past import Moment, snapshot_at
 from .store import Store
 
 __all__ = ["STORES", "create_store", "open_store"]
@@ -92,21 +94,41 @@ def create_store(
     )
 
 
-def open_store(path: str | Path, *, write: bool = False, metrics: Mapping[str, str] | None = None) -> Store:
+def open_store(
+    path: str | Path,
+    *,
+    write: bool = False,
+    metrics: Mapping[str, str] | None = None,
+    snapshot: str | None = None,
+    as_of: Moment | None = None,
+) -> Store:
     """Open a store: to read (any number of readers) or to write (one, which holds the lock).
 
     Parameters
     ----------
     path : str or Path
+        A folder, or ``s3://bucket/prefix``.
     write : bool
     metrics : mapping of str to str
         Units of metrics that a writer adds where the store does not have them yet.
+    snapshot : str, optional
+        Read the store as it was at this snapshot (`snapshots` lists them); only to read.
+    as_of : Instant, aware datetime or str, optional
+        Read the store as it was at this time: at the newest snapshot written by then.
 
     Raises
     ------
+    InputError
+        If the past is asked for to write, or in two ways.
     StoreError
-        If there is no store at `path`, it was made by a newer microrelief, or another writer holds it.
+        If there is no store at `path` or no such snapshot, it was made by a newer microrelief, or another writer
+        holds it.
     """
     from .icechunk_store import IcechunkStore
 
-    return IcechunkStore.open(location_of(path), write=write, metrics=dict(metrics or {}))
+    if snapshot is None and as_of is None:
+        return IcechunkStore.open(location_of(path), write=write, metrics=dict(metrics or {}))
+    if write:
+        raise InputError("the past of a store can only be read: open it without write=True")
+    past = partial(snapshot_at, snapshot=snapshot, as_of=as_of)
+    return IcechunkStore.open(location_of(path), write=False, metrics={}, past=past)
