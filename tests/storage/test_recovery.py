@@ -199,8 +199,8 @@ def test_kill_9_loses_nothing_acknowledged(tmp_path: Path) -> None:
 @pytest.mark.soak
 def test_many_kills_lose_nothing_acknowledged(tmp_path: Path) -> None:
     _store(tmp_path / "s", 1)
-    acknowledged, found = _kill_at_random(tmp_path / "s", kills=40, seed=7)
-    print(f"40 kills: {acknowledged} scans acknowledged, {found} found")
+    acknowledged, found = _kill_at_random(tmp_path / "s", kills=200, seed=7)
+    print(f"200 kills: {acknowledged} scans acknowledged, {found} found")
     check_whole(tmp_path / "s")
 
 
