@@ -31,6 +31,11 @@ class Bucket:
     def __str__(self) -> str:
         return f"s3://{self._bucket}/{self._prefix}"
 
+    @property
+    def writes_whole(self) -> bool:
+        """Yes: S3 knows no half objects."""
+        return True
+
     def exists(self) -> bool:
         """Whether there is anything; a repository that nobody filled does not count."""
         reference = self._reference()

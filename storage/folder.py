@@ -27,6 +27,11 @@ class Folder:
     def __str__(self) -> str:
         return str(self.path)
 
+    @property
+    def writes_whole(self) -> bool:
+        """No: a power cut can leave a file empty or cut."""
+        return False
+
     def exists(self) -> bool:
         """Whether there is anything."""
         return self.path.exists()

@@ -310,7 +310,12 @@ class IcechunkStore:
                 "update it"
             )
         count = root["scans/time"].shape[0]
-        if count:
+        if count and self._location.writes_whole:  # then a look into each array does: its manifest and a chunk
+            for group in ("scans", "change"):
+                for _, array in root[group].arrays():
+                    if array.dimension_names[0] == "time":
+                        array[(count - 1, *(0,) * (array.ndim - 1))]
+        elif count:
             read_scan(root["scans"], count - 1, grid_of(root.attrs))
             read_change(root["change"], count - 1, grid_of(root.attrs))
 

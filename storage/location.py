@@ -33,6 +33,11 @@ class Lock(Protocol):
 class Location(Protocol):
     """A place for an Icechunk repository. ``str()`` names it as the user does."""
 
+    @property
+    def writes_whole(self) -> bool:
+        """Whether a write is there whole or not at all, whatever happens to power and network."""
+        ...
+
     def exists(self) -> bool:
         """Whether there is anything; a store that nobody finished making does not count."""
         ...

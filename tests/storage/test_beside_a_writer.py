@@ -48,6 +48,7 @@ def read(url, seconds, seed, results):
             number = int(rng.integers(count))
             check(store[number], number)
             opened, newest = opened + 1, count
+            time.sleep(0.5)  # ten who never rest would leave a writer on two cores no time for 5 Hz
         results.put((opened, newest, ""))
     except BaseException as error:
         results.put((opened, newest, f"{type(error).__name__}: {error}"))
