@@ -313,7 +313,7 @@ class IcechunkStore:
         if count and self._location.writes_whole:  # then a look into each array does: its manifest and a chunk
             for group in ("scans", "change"):
                 for _, array in root[group].arrays():
-                    if array.dimension_names[0] == "time":
+                    if array.metadata.dimension_names[0] == "time":
                         array[(count - 1, *(0,) * (array.ndim - 1))]
         elif count:
             read_scan(root["scans"], count - 1, grid_of(root.attrs))
