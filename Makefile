@@ -46,6 +46,7 @@ setup-test: .venv/installed-test system-test
 
 system-test:
 	@sh .ci/system-packages
+	@sh .ci/s3rver
 
 clean:
 	rm -rf .venv demo-out build dist

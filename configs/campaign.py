@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -14,13 +15,16 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
+    GetJsonSchemaHandler,
     PlainSerializer,
+    PlainValidator,
     Strict,
     ValidationInfo,
     WithJsonSchema,
     model_validator,
 )
-from pydantic_core import PydanticCustomError
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, PydanticCustomError
 
 from .units import Duration
 
@@ -85,7 +89,26 @@ def _moment(value: Any) -> Any:
         raise ValueError(f"{value!r} is not a time: write it like 2026-11-22T21:00:00Z") from None
 
 
+def _store_path(value: Any, info: ValidationInfo) -> Path | str:
+    """A bucket's URL stays as it is; anything else is a folder's path."""
+    if not isinstance(value, str | Path) or not str(value).strip():
+        raise ValueError("must be a folder, or s3://BUCKET/PREFIX")
+    if "://" not in str(value):
+        return _from_folder(Path(value), info)
+    if not re.fullmatch(_BUCKET_URL, str(value)):
+        raise ValueError(f"{str(value)!r} is no place for a store: give a folder, or s3://BUCKET/PREFIX")
+    return str(value).rstrip("/")
+
+
+_BUCKET_URL = r"s3://[a-z0-9][a-z0-9.\-]{1,61}[a-z0-9](/[^/]+)+/?"
+
 FolderPath = Annotated[Path, AfterValidator(_from_folder)]
+StorePath = Annotated[
+    Path | str,
+    PlainValidator(_store_path),
+    PlainSerializer(str, return_type=str),
+    WithJsonSchema({"type": "string", "examples": ["soil.icechunk", "s3://bucket/soil"]}),
+]
 Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
 Positive = Annotated[float, Strict(), Field(gt=0, allow_inf_nan=False)]
 Text = Annotated[str, BeforeValidator(_text)]
@@ -110,10 +133,39 @@ class Site(_Settings):
 
 
 class StoreSettings(_Settings):
-    """Where scans are kept."""
+    """Where scans are kept. The path alone says it all: ``store: s3://bucket/site``."""
 
-    path: FolderPath = Field(description="Folder of the store, relative to this file; made by the first run.")
+    path: StorePath = Field(
+        description="Folder of the store, relative to this file, or s3://BUCKET/PREFIX; made by the first run."
+    )
     kind: Text = Field(default="icechunk", description="Kind of store.")
+    folder: FolderPath = Field(
+        default=Path(),
+        validate_default=True,
+        description="For a store on S3: folder of the ledger and of a simulated calibration; this file's unless given.",
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _path_alone(cls, given: Any) -> Any:
+        return {"path": given} if isinstance(given, str | Path) else given
+
+    @model_validator(mode="after")
+    def _folder_of_what(self) -> Self:
+        if isinstance(self.path, Path) and "folder" in self.model_fields_set:
+            raise _at(("folder",), "has no meaning beside a local store, whose ledger lies beside it")
+        return self
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        schema = handler.resolve_ref_schema(handler(core))
+        schema["type"] = ["object", "string"]
+        return schema
+
+    @property
+    def beside(self) -> Path:
+        """The folder of what lies beside the store: its ledger, a simulated rig's calibration."""
+        return self.path.parent if isinstance(self.path, Path) else self.folder
 
 
 class RigSettings(_Settings):

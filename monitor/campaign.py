@@ -14,7 +14,7 @@ import numpy as np
 
 from configs import Campaign, InputError
 from pipelines import Calibration, Frames, Grid, Instant, PatternSet, format_instant
-from storage import Ledger, LedgerRow, Store, create_store, ledger_beside, open_store
+from storage import Ledger, LedgerRow, Store, create_store, ledger_beside, network_file_system, open_store, store_exists
 
 from . import __version__
 from .clock import Clock
@@ -25,6 +25,7 @@ from .visit import Epoch, Recipe, Yield, visit
 from .warm_up import warm_up
 
 __all__ = [
+    "UNTRUSTED",
     "campaign_hash",
     "make_recipe",
     "read_calibration",
@@ -36,6 +37,7 @@ __all__ = [
     "simulated_calibration_file",
 ]
 
+UNTRUSTED = "locks and syncs of a network folder cannot be trusted; keep the store on a local disk or on S3"
 NANOSECOND = np.timedelta64(1, "ns")
 
 UNHURRIED_S = 60.0
@@ -108,6 +110,9 @@ def run_campaign(
         rig = rig_of(campaign) if rig is None else rig
         if now or campaign.schedule.video is not None:
             clock = clock.steady()
+        remote = network_file_system(campaign.store.path)
+        if remote is not None:
+            tell(f"{campaign.store.path} lies on {remote}: {UNTRUSTED}")
         if store is None:  # before the slow and the physical: a store that cannot be written ends it here
             store = _open_existing(campaign)
             if store is not None:
@@ -120,7 +125,7 @@ def run_campaign(
             store = _create(campaign, calibration, patterns, text)
             stack.callback(store.close)
         if ledger is None:
-            ledger = Ledger(ledger_beside(campaign.store.path))
+            ledger = Ledger(ledger_beside(campaign.store.path, campaign.store.beside))
             stack.callback(ledger.close)
         ledger.reconcile(store)
         recipe = make_recipe(campaign, patterns, calibration, _grid_of(store))
@@ -204,8 +209,8 @@ def read_calibration(
 def simulated_calibration_file(campaign: Campaign, patterns: PatternSet) -> Path:
     """Where a simulated rig's calibration is kept: another rig or other patterns have another file."""
     made_of = {"options": dict(campaign.rig.options), "patterns": patterns.as_mapping()}
-    store = campaign.store.path
-    return store.with_name(f"{store.stem}.calibration-{_hash(made_of)[:8]}.json")
+    name = Path(campaign.store.path).stem
+    return campaign.store.beside / f"{name}.calibration-{_hash(made_of)[:8]}.json"
 
 
 def make_recipe(campaign: Campaign, patterns: PatternSet, calibration: Calibration, grid: Grid) -> Recipe:
@@ -246,7 +251,7 @@ def rig_of(campaign: Campaign) -> Rig:
     Such a rig has an option `started`; what the campaign gives there goes before.
     """
     options, path = dict(campaign.rig.options), campaign.store.path
-    if "started" in rig_options(campaign.rig.name) and options.get("started") is None and path.exists():
+    if "started" in rig_options(campaign.rig.name) and options.get("started") is None and store_exists(path):
         store = open_store(path)
         try:
             if len(store):
@@ -281,7 +286,7 @@ def _warm_up(
 
 def resume_point(campaign: Campaign, now: Instant) -> tuple[Slots, Instant]:
     """Give a campaign's slots, and the newest one that has been dealt with; changes nothing."""
-    beside = ledger_beside(campaign.store.path)
+    beside = ledger_beside(campaign.store.path, campaign.store.beside)
     if not beside.exists():
         return resume_slots(campaign, (), now)
     ledger = Ledger(beside, write=False)
@@ -329,8 +334,9 @@ def _units(campaign: Campaign) -> dict[str, str]:
 def _open_existing(campaign: Campaign) -> Store | None:
     """Open the campaign's store to go on in it; None where there is none yet."""
     path, pitch_mm = campaign.store.path, campaign.grid.pitch_mm
-    if not path.exists():
-        above = next(folder for folder in path.absolute().parents if folder.exists())
+    if not store_exists(path):
+        beside = campaign.store.beside.absolute()
+        above = next(folder for folder in (beside, *beside.parents) if folder.exists())
         if not above.is_dir():
             raise InputError(f"store.path {path}: {above} is a file, not a folder; name another place")
         return None

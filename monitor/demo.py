@@ -14,7 +14,7 @@ from configs import Campaign, InputError, read_campaign
 from pipelines import Calibration, Instant, parse_instant
 from pipelines.change import polygon_mask
 from pipelines.scenes import Ground, Soil
-from storage import Store, open_store
+from storage import Store, open_store, store_exists
 
 from .campaign import run_campaign
 from .check import load_checked
@@ -116,7 +116,7 @@ def run_demo(
 
 def count_scans(campaign: Campaign) -> int:
     """Count what the campaign's store holds; 0 where there is none yet."""
-    if not campaign.store.path.exists():
+    if not store_exists(campaign.store.path):
         return 0
     store = open_store(campaign.store.path)
     try:

@@ -79,8 +79,9 @@ def camera_size(campaign: Campaign) -> tuple[int, int]:
     return 2560, 1440
 
 
-def stored_bytes(store: Path) -> float | None:
-    """Give the mean bytes per scan of a store that is there; None where there is none, or no scan in it."""
+def stored_bytes(store: str | Path) -> float | None:
+    """Give the mean bytes per scan of a store on this machine; None where there is none, or no scan in it."""
+    store = Path(store)
     if not store.is_dir():
         return None
     from storage import open_store
@@ -131,7 +132,9 @@ def _disk(campaign: Campaign, patterns: PatternSet, slots: Slots, now: Instant) 
         per_day = size * week / 7
         text = f"  disk: {format_bytes(per_day)} a day"
     text += f" ({format_bytes(size)} a scan, {'as measured in the store' if measured else 'estimated'})"
-    folder = campaign.store.path.parent
+    if not isinstance(campaign.store.path, Path):
+        return text
+    folder = campaign.store.beside
     while not folder.exists():
         folder = folder.parent
     free = shutil.disk_usage(folder).free

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Literal
 
 from configs import Campaign, MicroreliefError
-from storage import open_store
+from storage import network_file_system, open_store, store_exists
 
 from . import __version__
-from .campaign import read_pattern_set, simulated_calibration_file
+from .campaign import UNTRUSTED, read_pattern_set, simulated_calibration_file
 from .forecast import bytes_per_scan, format_bytes
 from .rigs import make_rig
 from .system_libraries import missing_library
@@ -74,16 +74,16 @@ def check_campaign(campaign: Campaign) -> Iterator[Finding]:
         mend = f"`microrelief calibrate POSE_DIR... --board COLUMNSxROWS --square-mm MM --out {file}`"
         yield _try("calibration", lambda: _read_calibration(file), mend)
     store = campaign.store.path
-    if store.exists():
-        yield _try("store", lambda: f"{store}: {len(open_store(store))} scans", "`microrelief status` and a backup")
-    else:
-        yield Finding("ok", "store", f"{store}: the first run makes it")
+    yield _try("store", lambda: _store_told(store), "see the message; a store that was there: `microrelief status`")
+    remote = network_file_system(store)
+    if remote is not None:
+        yield Finding("warning", "store", f"{store} lies on {remote}", UNTRUSTED)
     size, measured = bytes_per_scan(campaign, patterns)
     yield Finding("ok", "a scan takes", format_bytes(size) + ("" if measured else ", estimated"))
-    folder = store.parent
+    folder = campaign.store.beside
     while not folder.exists():
         folder = folder.parent
-    yield _disk(folder, "disk of the store")
+    yield _disk(folder, "disk of the store" if isinstance(store, Path) else "disk of the ledger")
 
 
 def _our_names() -> Iterator[Finding]:
@@ -147,6 +147,10 @@ def _open_rig(campaign: Campaign) -> str:
     rig.open()
     rig.close()
     return f"{campaign.rig.name} opens in {time.perf_counter() - began:.1f} s"
+
+
+def _store_told(store: str | Path) -> str:
+    return f"{store}: {len(open_store(store))} scans" if store_exists(store) else f"{store}: the first run makes it"
 
 
 def _read_calibration(file: Path) -> str:

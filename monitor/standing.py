@@ -13,7 +13,7 @@ import numpy as np
 from configs import Campaign, ConfigError, StoreError, parse_campaign
 from pipelines import AlarmState, Instant, as_datetime, format_instant, instant
 from pipelines.trends import worst_state
-from storage import Ledger, LedgerRow, Store, ledger_beside, open_store, writer_of
+from storage import Ledger, LedgerAddress, LedgerRow, Store, ledger_beside, open_store, writer_of
 
 from .campaign import resume_slots
 from .clock import seconds_between
@@ -86,13 +86,13 @@ class Standing:
         return mapping
 
 
-def look(path: Path, now: Instant, campaign: Campaign | None = None) -> Standing:
+def look(path: str | Path, now: Instant, campaign: Campaign | None = None) -> Standing:
     """Look how a store's campaign stands.
 
     Parameters
     ----------
-    path : Path
-        The store.
+    path : str or Path
+        The store: a folder or ``s3://bucket/prefix``.
     now : Instant
     campaign : Campaign, optional
         Its campaign as it is now; without it, as the store keeps it.
@@ -103,9 +103,10 @@ def look(path: Path, now: Instant, campaign: Campaign | None = None) -> Standing
         If there is no store.
     """
     store = open_store(path)
+    beside = campaign.store.beside if campaign is not None else None
     if campaign is None:
         campaign = _kept_campaign(store, path)
-    rows = _rows(path)
+    rows = _rows(ledger_beside(path, beside))
     counts = {state: sum(row.state == state for row in rows) for state in ("missed", "rejected", "failed")}
     newest = store[-1] if len(store) else None
     running = writer_of(path) is not None
@@ -114,24 +115,23 @@ def look(path: Path, now: Instant, campaign: Campaign | None = None) -> Standing
     state, why = _judge(rows, alarms, overdue, _lost(store, rows), empty=newest is None)
     disk, free, full = _disk(path, store, now)
     return Standing(
-        store.about.site, str(path), state, running, len(store),
+        store.about.site, store.about.location, state, running, len(store),
         counts["missed"], counts["rejected"], counts["failed"],
         newest.scan.time if newest is not None else None, coming, overdue, alarms, disk, free, full, why,
     )  # fmt: skip
 
 
-def _kept_campaign(store: Store, path: Path) -> Campaign | None:
+def _kept_campaign(store: Store, path: str | Path) -> Campaign | None:
     text = store.about.campaign
     if not text:
         return None
     try:
-        return parse_campaign(text, f"the campaign in {path}", path.parent)
+        return parse_campaign(text, f"the campaign in {path}", Path(path).parent if Path(path).is_dir() else Path())
     except ConfigError:  # of another version; what the store says does not hang on it
         return None
 
 
-def _rows(path: Path) -> tuple[LedgerRow, ...]:
-    where = ledger_beside(path)
+def _rows(where: LedgerAddress) -> tuple[LedgerRow, ...]:
     if not where.exists():
         return ()
     ledger = Ledger(where, write=False)
@@ -195,7 +195,10 @@ def _judge(
     return "ok", ""
 
 
-def _disk(path: Path, store: Store, now: Instant) -> tuple[int, int, Instant | None]:
+def _disk(path: str | Path, store: Store, now: Instant) -> tuple[int, int, Instant | None]:
+    path = Path(path)
+    if not path.is_dir():  # on S3: as much room as is paid for
+        return 0, 0, None
     used = sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
     free = shutil.disk_usage(path).free
     if len(store) < 2:
@@ -212,6 +215,6 @@ def is_store(path: Path) -> bool:
     return path.is_dir() or path.suffix not in (".yaml", ".yml")
 
 
-def no_store(path: Path) -> StoreError:
+def no_store(path: str | Path) -> StoreError:
     """Say that a campaign has no store yet."""
     return StoreError(f"{path}: no store yet: `microrelief run` makes it with the first scan")

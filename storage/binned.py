@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from pipelines import Tick
 
@@ -12,7 +13,9 @@ from .layout import FOLD
 from .packing import fill_of, pack_bins
 from .rows import Rows, row
 
-__all__ = ["history_of", "rows_of_bins"]
+__all__ = ["read_bins", "rows_of_bins"]
+
+Indices = npt.NDArray[np.int64]
 
 
 def rows_of_bins(group: Any, number: int, tick: Tick) -> list[Rows]:
@@ -37,7 +40,34 @@ def rows_of_bins(group: Any, number: int, tick: Tick) -> list[Rows]:
     return rows
 
 
-def history_of(group: Any, name: str, row: int, column: int) -> Any:
-    """Read one coarse cell through all scans: packed steps, shape (time,)."""
+def read_bins(group: Any, name: str, rows: Indices, columns: Indices) -> npt.NDArray[np.signedinteger[Any]]:
+    """Read coarse cells through all scans.
+
+    Every chunk that they lie in is read once, whatever number of them it holds.
+
+    Parameters
+    ----------
+    group : zarr group
+        ``/binned``.
+    name : str
+        ``height`` or ``dz``.
+    rows, columns : ndarray of int, shape (n,)
+
+    Returns
+    -------
+    ndarray, shape (time, n)
+        Packed steps.
+    """
     count, folded = group["time"].shape[0], group[name].shape[0]
-    return np.concatenate([group[name][:, row, column], group[f"{name}_tail"][: count - folded, row, column]])
+    values = np.empty((count, len(rows)), group[name].dtype)
+    for part, array in ((slice(0, folded), group[name]), (slice(folded, count), group[f"{name}_tail"])):
+        length = part.stop - part.start
+        if not length:
+            continue
+        tiles = np.stack([rows // array.chunks[1], columns // array.chunks[2]])
+        for tile in np.unique(tiles, axis=1).T:
+            here = np.flatnonzero((tiles == tile[:, np.newaxis]).all(axis=0))
+            top, left = rows[here].min(), columns[here].min()
+            block = array[:length, top : rows[here].max() + 1, left : columns[here].max() + 1]
+            values[part, here] = block[:, rows[here] - top, columns[here] - left]
+    return values

@@ -1,14 +1,11 @@
-"""IcechunkStore: a campaign as one Icechunk repository in a local folder; one tick is one transaction."""
+"""IcechunkStore: a campaign as one Icechunk repository in a folder or a bucket; one tick is one transaction."""
 
 from __future__ import annotations
 
 import errno
 import json
-import os
-import shutil
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,7 +24,7 @@ from .layout import (
     root_attributes,
     split_sizes,
 )
-from .lock import LOCK, WriterLock
+from .location import BRANCH, Location, Lock
 from .order import Place, Tail, place
 from .packing import HeightType
 from .records import (
@@ -40,7 +37,7 @@ from .records import (
     rows_of_metrics,
     rows_of_scan,
 )
-from .repository import create_repository, newest_whole, open_repository, publish, root_of, short
+from .repository import check_whole, create_repository, newest_whole, open_repository, root_of, short
 from .rows import row, write_rows
 from .series import frame_of
 from .store import About, Stored
@@ -53,16 +50,22 @@ __all__ = ["IcechunkStore"]
 
 
 class IcechunkStore:
-    """A store in a folder. Made by `create_store` and `open_store`.
+    """A store on a disk or on S3. Made by `create_store` and `open_store`.
 
     A reader sees the snapshot that was newest when it opened; a writer sees its own last append.
     """
 
-    def __init__(self, folder: Path, lock: WriterLock | None) -> None:
-        self._folder = folder
+    def __init__(
+        self, location: Location, lock: Lock | None, past: Callable[[Any, Location], str] | None = None
+    ) -> None:
+        self._location = location
         self._lock = lock
-        self._repository = open_repository(folder)
-        snapshot, lost = newest_whole(self._repository, folder, self._probe)
+        self._repository = open_repository(location)
+        if past is None:
+            snapshot, lost = newest_whole(self._repository, location, self._probe)
+        else:
+            snapshot, lost = past(self._repository, location), ""
+            check_whole(self._repository, location, snapshot, self._probe)
         self._attach(snapshot)
         self._about, self._height_type, self._tail = self._load()
         self._lost: tuple[Event, ...] = ()
@@ -76,7 +79,7 @@ class IcechunkStore:
 
     @staticmethod
     def create(
-        folder: Path,
+        location: Location,
         *,
         site: str,
         grid: Grid,
@@ -87,45 +90,43 @@ class IcechunkStore:
         created: Instant,
         height_type: HeightType,
     ) -> IcechunkStore:
-        """Make a store at `folder`, which must not exist or be empty, and hold its lock."""
+        """Make a store at `location`, where there must be nothing, and hold its lock."""
         import icechunk
         import zarr
 
-        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise StoreError(f"{folder}: exists already: open it, or choose another path")
-        try:
-            folder.parent.mkdir(parents=True, exist_ok=True)
-            # made beside and renamed: a store is there with all its groups, or not at all
-            making = folder.with_name(f".{folder.name}.making-{os.getpid()}")
-            shutil.rmtree(making, ignore_errors=True)
-            making.mkdir()
-        except OSError as error:
-            raise StoreError(f"{folder}: cannot be made: {error.strerror}") from None
-        lock = None
-        try:
+        def fill(making: Location) -> None:
             repository = create_repository(making, split_sizes(grid), (*CELLS_OF_SCAN, *CELLS_OF_CHANGE))
-            session = repository.writable_session("main")
+            session = repository.writable_session(BRANCH)
             attributes = root_attributes(site, grid, campaign, campaign_hash, software, format_instant(created))
             lay_out(zarr.create_group(session.store, attributes=attributes), grid, height_type, metrics)
-            publish(repository, making, session, "store created", {})
-            lock = WriterLock(making / LOCK)
-            making.rename(folder)
-            return IcechunkStore(folder, lock)
+            making.publish(repository, session, "store created", {})
+
+        lock = None
+        try:
+            lock = location.make(fill)
+            return IcechunkStore(location, lock)
         except BaseException as error:
             if lock is not None:
                 lock.release()
-            shutil.rmtree(making, ignore_errors=True)
             if isinstance(error, (OSError, icechunk.IcechunkError)) and not isinstance(error, StoreError):
-                raise StoreError(f"{folder}: cannot be made: {_reason(error)}") from error
+                raise StoreError(f"{location}: cannot be made: {_reason(error)}") from error
             raise
 
     @staticmethod
-    def open(folder: Path, *, write: bool, metrics: Mapping[str, str]) -> IcechunkStore:
-        """Open a store; a writer takes the lock, and adds `metrics` that are not there yet."""
-        open_repository(folder)  # says what is wrong with the path before a lock file is made in it
-        lock = WriterLock(folder / LOCK) if write else None
+    def open(
+        location: Location,
+        *,
+        write: bool,
+        metrics: Mapping[str, str],
+        past: Callable[[Any, Location], str] | None = None,
+    ) -> IcechunkStore:
+        """Open a store; a writer takes the lock, and adds `metrics` that are not there yet; `past` picks a snapshot."""
+        location.check()  # says what is wrong with the place before a lock is made in it
+        lock = location.lock() if write else None
         try:
-            store = IcechunkStore(folder, lock)
+            store = IcechunkStore(location, lock, past)
+            if lock is not None and lock.taken_from:
+                store._note_takeover(lock.taken_from)
             new = {name: unit for name, unit in metrics.items() if name not in store.about.metrics}
             if write and new:
                 store._add_metrics(new)
@@ -160,7 +161,7 @@ class IcechunkStore:
     def __getitem__(self, number: int) -> Stored:
         count = len(self)
         if not -count <= number < count:
-            raise IndexError(f"{self._folder}: there is no scan {number}: it holds {count}")
+            raise IndexError(f"{self._location}: there is no scan {number}: it holds {count}")
         number %= count
         import icechunk
 
@@ -168,7 +169,7 @@ class IcechunkStore:
             return self._read(number)
         # a damaged file shows as whatever the codec above it makes of the bytes
         except (icechunk.IcechunkError, OSError, ValueError, RuntimeError, TypeError) as error:
-            raise StoreError(f"{self._folder}: scan {number} cannot be read: {_reason(error)}") from error
+            raise StoreError(f"{self._location}: scan {number} cannot be read: {_reason(error)}") from error
 
     def window(self, first: Instant | None = None, last: Instant | None = None) -> xr.Dataset:
         """Give the scans between two instants, lazily; see `Store.window`."""
@@ -201,13 +202,18 @@ class IcechunkStore:
         group = self._root["calibrations"]
         ids = [str(name) for name in group["id"][:]]
         if calibration_id not in ids:
-            raise KeyError(f"{self._folder}: no calibration {calibration_id!r}: it holds {', '.join(ids) or 'none'}")
+            raise KeyError(f"{self._location}: no calibration {calibration_id!r}: it holds {', '.join(ids) or 'none'}")
         return Calibration.from_json(str(group["json"][ids.index(calibration_id)]))
 
     @property
     def session(self) -> Any:
         """The Icechunk session at ``about.snapshot``: ``xarray.open_zarr(session.store, group="scans")`` reads it."""
         return self._session
+
+    @property
+    def binned(self) -> Any:
+        """The Zarr group of coarse histories; `cell_history` and `line_history` read it."""
+        return self._root["binned"]
 
     def close(self) -> None:
         """Let go of the writer's lock, if held."""
@@ -216,7 +222,7 @@ class IcechunkStore:
             self._lock = None
 
     def __repr__(self) -> str:
-        return f"IcechunkStore({str(self._folder)!r}, {len(self)} scans)"
+        return f"IcechunkStore({str(self._location)!r}, {len(self)} scans)"
 
     def _read(self, number: int) -> Stored:
         scans, grid = self._root["scans"], grid_of(self._root.attrs)
@@ -232,19 +238,22 @@ class IcechunkStore:
 
     def _writing(self) -> None:
         if self._lock is None:
-            raise StoreError(f"{self._folder}: is open to read: open it with write=True")
+            raise StoreError(f"{self._location}: is open to read: open it with write=True")
+        self._lock.check()
 
     def _commit(self, write: Any, message: str, metadata: dict[str, Any]) -> None:
         import icechunk
 
-        session = self._repository.writable_session("main")
         try:
+            session = self._repository.writable_session(BRANCH)
+            if session.snapshot_id != self._snapshot:
+                raise StoreError(f"{self._location}: another writer wrote here meanwhile: {message} was not stored")
             write(root_of(session, "r+"))
-            snapshot = publish(self._repository, self._folder, session, message, metadata)
+            snapshot = self._location.publish(self._repository, session, message, metadata)
         except (icechunk.IcechunkError, OSError) as error:
             if isinstance(error, StoreError):
                 raise
-            raise StoreError(f"{self._folder}: {message} was not stored: {_reason(error)}") from error
+            raise StoreError(f"{self._location}: {message} was not stored: {_reason(error)}") from error
         self._attach(snapshot)
 
     def _write(self, root: Any, tick: Tick, where: Place) -> None:
@@ -273,7 +282,7 @@ class IcechunkStore:
 
     def _go_back(self) -> None:
         """Make the newest whole snapshot the newest one, and keep the event that says so."""
-        self._repository.reset_branch("main", self._snapshot)
+        self._repository.reset_branch(BRANCH, self._snapshot)
         events, self._lost = self._lost, ()
         note = Tick(events[0].time, events=events)
         self._commit(
@@ -282,18 +291,31 @@ class IcechunkStore:
             {},
         )
 
+    def _note_takeover(self, holder: str) -> None:
+        """Commit before anything else: a writer that was only asleep then finds a newer snapshot, and is refused."""
+        when = self._tail.time if self._tail.time is not None else parse_instant(self._root.attrs["created"])
+        event = Event(when, "note", f"store: taken over from a writer that did not let go of it ({holder})")
+        note = Tick(when, events=(event,))
+        self._commit(lambda root: self._write(root, note, Place(self._tail, None, (event,))), "taken over", {})
+
     def _probe(self, session: Any) -> None:
         """Read what a whole snapshot must hold: all groups, every table and the newest scan."""
         root = root_of(session)
         schema = root.attrs.get("microrelief_schema")
         if not isinstance(schema, int):
-            raise StoreError(f"{self._folder}: is an Icechunk repository, but not a microrelief store")
+            raise StoreError(f"{self._location}: is an Icechunk repository, but not a microrelief store")
         if schema > SCHEMA:
             raise StoreError(
-                f"{self._folder}: schema {schema} was made by a newer microrelief (this one reads {SCHEMA}): update it"
+                f"{self._location}: schema {schema} was made by a newer microrelief (this one reads {SCHEMA}): "
+                "update it"
             )
         count = root["scans/time"].shape[0]
-        if count:
+        if count and self._location.writes_whole:  # then a look into each array does: its manifest and a chunk
+            for group in ("scans", "change"):
+                for _, array in root[group].arrays():
+                    if array.metadata.dimension_names[0] == "time":
+                        array[(count - 1, *(0,) * (array.ndim - 1))]
+        elif count:
             read_scan(root["scans"], count - 1, grid_of(root.attrs))
             read_change(root["change"], count - 1, grid_of(root.attrs))
 
@@ -313,7 +335,7 @@ class IcechunkStore:
         """Read the store's facts, how it packs heights, and its tail."""
         attributes = dict(self._root.attrs)
         about = About(
-            location=str(self._folder),
+            location=str(self._location),
             site=attributes["site"],
             grid=grid_of(attributes),
             campaign=attributes["campaign"],

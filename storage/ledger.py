@@ -15,10 +15,13 @@ import numpy as np
 from configs import StoreError
 from pipelines import Event, Instant, Tick, format_instant
 
+from .folder import Folder
+from .location import location_of
 from .store import Store
 
 __all__ = ["INTERRUPTED", "Ledger", "LedgerAddress", "LedgerRow", "SlotState", "ledger_beside"]
 
+LEDGER = "ledger.sqlite"
 INTERRUPTED = "the process ended during this scan"
 
 SlotState = Literal["planned", "taken", "missed", "rejected", "failed"]
@@ -70,10 +73,15 @@ class LedgerAddress:
         return str(self.file)
 
 
-def ledger_beside(store: str | Path) -> LedgerAddress:
-    """Give the address of a store's ledger: ``ledger.sqlite`` in the folder that holds the store."""
-    path = Path(store)
-    return LedgerAddress(path.parent / "ledger.sqlite", path.name)
+def ledger_beside(store: str | Path, folder: Path | None = None) -> LedgerAddress:
+    """Give the address of a store's ledger: ``ledger.sqlite`` in the folder that holds the store.
+
+    That of a store on S3 is in `folder`, the campaign's; in the current folder where none is given.
+    """
+    location = location_of(store)
+    if isinstance(location, Folder):
+        return LedgerAddress(location.path.parent / LEDGER, location.path.name)
+    return LedgerAddress((folder or Path()) / LEDGER, str(location))
 
 
 class Ledger:

@@ -12,23 +12,16 @@ from pathlib import Path
 
 from configs import StoreError
 
-__all__ = ["LOCK", "WriterLock", "writer_of"]
+__all__ = ["WriterLock", "holder_of"]
 
-LOCK = "writer.lock"
 NO_NAME = "a writer that gave no name"
 TRIES, PAUSE_S = 3, 0.05
 
 
-def writer_of(path: str | Path) -> str | None:
-    """Say which process writes a store: pid, host and since when; None where nobody does, or where there is no store.
-
-    Parameters
-    ----------
-    path : str or Path
-        The store's folder.
-    """
+def holder_of(file: Path) -> str | None:
+    """Say which process holds a lock file: pid, host and since when; None where nobody does, or there is no file."""
     try:
-        descriptor = os.open(Path(path) / LOCK, os.O_RDONLY | os.O_CLOEXEC)
+        descriptor = os.open(file, os.O_RDONLY | os.O_CLOEXEC)
     except OSError:
         return None
     try:
@@ -51,6 +44,8 @@ class WriterLock:
         If another writer holds it; the message names the holder.
     """
 
+    taken_from = ""
+
     def __init__(self, file: Path) -> None:
         try:
             descriptor = os.open(file, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
@@ -68,6 +63,9 @@ class WriterLock:
             os.ftruncate(descriptor, 0)
             os.pwrite(descriptor, f"pid {os.getpid()} on {socket.gethostname()} since {since}\n".encode(), 0)
 
+    def check(self) -> None:
+        """Do nothing: the kernel takes a lock from nobody."""
+
     def release(self) -> None:
         """Let go; a second call does nothing."""
         if self._descriptor is not None:
@@ -76,7 +74,7 @@ class WriterLock:
 
 
 def _take(descriptor: int) -> bool:
-    """Take the lock; a few tries, for whoever looks with `writer_of` holds it for a moment."""
+    """Take the lock; a few tries, for whoever looks with `holder_of` holds it for a moment."""
     for attempt in range(TRIES):
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)

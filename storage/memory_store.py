@@ -29,7 +29,7 @@ class MemoryStore:
 
     def __init__(
         self,
-        path: Path,
+        path: str | Path,
         *,
         site: str,
         grid: Grid,

@@ -4,25 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from configs import InputError, StoreError
+from configs import InputError
 from pipelines import Grid, Instant, instant
 
+from .location import location_of
 from .packing import HeightType, range_mm
+from .past import Moment, snapshot_at
 from .store import Store
 
 __all__ = ["STORES", "create_store", "open_store"]
 
 
-def _icechunk(path: Path, **facts: Any) -> Store:
+def _icechunk(path: str | Path, **facts: Any) -> Store:
     from .icechunk_store import IcechunkStore
 
-    return IcechunkStore.create(path, **facts)
+    return IcechunkStore.create(location_of(path), **facts)
 
 
-def _memory(path: Path, **facts: Any) -> Store:
+def _memory(path: str | Path, **facts: Any) -> Store:
     from .memory_store import MemoryStore
 
     return MemoryStore(path, **facts)
@@ -50,7 +53,7 @@ def create_store(
     Parameters
     ----------
     path : str or Path
-        A folder that does not exist yet or is empty.
+        A folder that does not exist yet or is empty, or ``s3://bucket/prefix`` with nothing below it.
     site : str
     grid : Grid
         The grid of every scan of this store.
@@ -79,7 +82,7 @@ def create_store(
         widest = max(grid.shape) * grid.pitch_mm
         height_type = "int16" if widest <= 2 * range_mm("int16") else "int32"
     return STORES[kind](
-        _local(path),
+        path,
         site=site,
         grid=grid,
         campaign=campaign,
@@ -91,27 +94,41 @@ def create_store(
     )
 
 
-def open_store(path: str | Path, *, write: bool = False, metrics: Mapping[str, str] | None = None) -> Store:
+def open_store(
+    path: str | Path,
+    *,
+    write: bool = False,
+    metrics: Mapping[str, str] | None = None,
+    snapshot: str | None = None,
+    as_of: Moment | None = None,
+) -> Store:
     """Open a store: to read (any number of readers) or to write (one, which holds the lock).
 
     Parameters
     ----------
     path : str or Path
+        A folder, or ``s3://bucket/prefix``.
     write : bool
     metrics : mapping of str to str
         Units of metrics that a writer adds where the store does not have them yet.
+    snapshot : str, optional
+        Read the store as it was at this snapshot (`snapshots` lists them); only to read.
+    as_of : Instant, aware datetime or str, optional
+        Read the store as it was at this time: at the newest snapshot written by then.
 
     Raises
     ------
+    InputError
+        If the past is asked for to write, or in two ways.
     StoreError
-        If there is no store at `path`, it was made by a newer microrelief, or another writer holds it.
+        If there is no store at `path` or no such snapshot, it was made by a newer microrelief, or another writer
+        holds it.
     """
     from .icechunk_store import IcechunkStore
 
-    return IcechunkStore.open(_local(path), write=write, metrics=dict(metrics or {}))
-
-
-def _local(path: str | Path) -> Path:
-    if "://" in str(path):
-        raise StoreError(f"{path}: stores on object storage are not supported yet: give a local folder")
-    return Path(path)
+    if snapshot is None and as_of is None:
+        return IcechunkStore.open(location_of(path), write=write, metrics=dict(metrics or {}))
+    if write:
+        raise InputError("the past of a store can only be read: open it without write=True")
+    past = partial(snapshot_at, snapshot=snapshot, as_of=as_of)
+    return IcechunkStore.open(location_of(path), write=False, metrics={}, past=past)

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
+from uuid import uuid4
 
 import pytest
+
+from . import s3_servers
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -16,3 +20,20 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"needs the captures with known answers in {folder.relative_to(ROOT.parent)} beside the checkout")
     return folder
+
+
+@pytest.fixture(scope="session")
+def s3_endpoint() -> Iterator[str]:
+    """The address of an S3 server on this machine, with one empty bucket; one for all tests of a process."""
+    with s3_servers.moto() as endpoint:
+        s3_servers.client(endpoint).create_bucket(Bucket=s3_servers.BUCKET)
+        yield endpoint
+
+
+@pytest.fixture
+def s3_prefix(s3_endpoint: str, monkeypatch: pytest.MonkeyPatch) -> str:
+    """A fresh ``s3://bucket/prefix``; the environment leads there."""
+    monkeypatch.delenv("AWS_PROFILE", raising=False)
+    for name, value in s3_servers.environment(s3_endpoint).items():
+        monkeypatch.setenv(name, value)
+    return f"s3://{s3_servers.BUCKET}/{uuid4().hex[:12]}"

@@ -32,7 +32,7 @@ def report(
     Parameters
     ----------
     store
-        The store's folder.
+        The store: a folder or s3://bucket/prefix.
     out
         Folder for report.html, series.csv and series.parquet.
     json_

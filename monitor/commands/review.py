@@ -36,7 +36,7 @@ def review(
     Parameters
     ----------
     store
-        The store's folder.
+        The store: a folder or s3://bucket/prefix.
     web
         Serve the review to a browser on this machine (127.0.0.1 alone) and print the link.
     save

@@ -9,6 +9,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from pipelines import Instant, format_instant
+from storage import store_exists
 
 from ..check import load_checked
 from ..clock import RealClock
@@ -27,7 +28,7 @@ def status(path: Path, *, as_json: Annotated[bool, Parameter(name="--json", nega
     Parameters
     ----------
     path
-        Store, or campaign file.
+        Store (a folder or s3://bucket/prefix), or campaign file.
     as_json
         Print JSON: scans, last, next, missed, state and more; times are ISO 8601 in UTC.
 
@@ -41,7 +42,7 @@ def status(path: Path, *, as_json: Annotated[bool, Parameter(name="--json", nega
         standing = look(path, now)
     else:
         campaign = load_checked(path).campaign
-        if not campaign.store.path.exists():
+        if not store_exists(campaign.store.path):
             raise no_store(campaign.store.path)
         standing = look(campaign.store.path, now, campaign)
     print(json.dumps(standing.as_mapping(), indent=1) if as_json else "\n".join(_lines(standing)))
@@ -60,5 +61,7 @@ def _lines(standing: Standing) -> list[str]:
         f"  next     {told(standing.next)}" + ("" if standing.running else " (not running)"),
     ]
     lines += [f"  alarm    {name}: {state}" for name, state in standing.alarms.items()]
+    if standing.store.startswith("s3://"):
+        return lines
     disk = f"  disk     {format_bytes(standing.disk_bytes)}, {format_bytes(standing.free_bytes)} free"
     return [*lines, disk + (f", full on {told(standing.disk_full)[:10]}" if standing.disk_full is not None else "")]

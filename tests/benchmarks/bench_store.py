@@ -11,12 +11,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from statistics import median
-from time import perf_counter
+from time import perf_counter, process_time
 
 import numpy as np
 
 from pipelines import Change, Grid, Measurement, Motion, Scan, Tick
-from storage import create_store, open_store
+from storage import cell_history, create_store, open_store
+from storage.layout import FOLD
+from storage.rows import Rows, write_rows
 
 START = np.datetime64("2026-01-01T00:00:00", "ns")
 METRICS = dict.fromkeys(("net", "gained", "lost", "area", "length", "opening", "lift"), "mm")
@@ -123,6 +125,86 @@ def append_against_floor(cells: int, repeats: int = 9) -> tuple[float, float, fl
     return median(appends), median(floors), read, size
 
 
+def growth(few: int, many: int) -> dict[str, tuple[float, float]]:
+    """Compare what a small store costs with `few` scans and with `many`: to append, to open it and read the last scan.
+
+    Processor seconds, the least of several; both stores are asked in turn, so that the machine's mood is the same.
+    """
+    grid = Grid(20, 30, 0.05)
+    rng = np.random.default_rng(1)
+    base = relief(grid)
+    with scratch() as folder:
+        counts = dict.fromkeys((few, many), 0)
+        stores = {
+            count: create_store(folder / str(count), site="bench", grid=grid, metrics=METRICS) for count in counts
+        }
+
+        def append(count: int) -> float:
+            tick = make_tick(grid, counts[count], rng, base)
+            began = process_time()
+            stores[count].append(tick)
+            counts[count] += 1
+            return process_time() - began
+
+        def read(count: int) -> float:
+            began = process_time()
+            open_store(folder / str(count))[-1]
+            return process_time() - began
+
+        for count in counts:
+            while counts[count] < count:
+                append(count)
+        reads: dict[int, list[float]] = {count: [] for count in counts}
+        appends: dict[int, list[float]] = {count: [] for count in counts}
+        for _ in range(9):
+            for count in counts:
+                reads[count].append(read(count))
+                appends[count].append(append(count))
+        for store in stores.values():
+            store.close()
+    return {
+        "append": (min(appends[few]), min(appends[many])),
+        "open and read the last scan": (min(reads[few]), min(reads[many])),
+    }
+
+
+def history_cost(scans: int = 1000) -> tuple[float, float]:
+    """Give seconds for the history of one 8x8 cells at 1440 x 2560, and for reading files as large as its chunks."""
+    grid = Grid(1440, 2560, 0.005)
+    rows, columns = grid.rows // 8, grid.columns // 8
+    rng = np.random.default_rng(1)
+    coarse = (2000 * relief(grid)[::8, ::8]).astype(np.int16)
+    with scratch() as folder:
+        store = create_store(folder / "s", site="bench", grid=grid)
+        folded = scans - scans % FOLD
+        written = [Rows("binned/time", 0, scans, START.astype(np.int64) + np.arange(scans) * 10**9)]
+        for first in range(0, folded, FOLD):
+            block = coarse + rng.integers(-3, 4, (FOLD, rows, columns)).astype(np.int16)
+            written.append(Rows("binned/height", first, FOLD, block))
+        tail = coarse + rng.integers(-3, 4, (scans - folded, rows, columns)).astype(np.int16)
+        written += [Rows("binned/height_tail", slot, 1, tail[slot : slot + 1]) for slot in range(len(tail))]
+        for group in (written[:1], *([rows] for rows in written[1:])):  # in order: each lengthens the array
+            store._commit(lambda root, group=group: write_rows(root.store, group), "coarse", {})  # type: ignore[attr-defined]  # nobody waits for a thousand scans at full size
+        store.close()
+        sizes = sorted(path.stat().st_size for path in (folder / "s" / "chunks").iterdir())
+        (folder / "long").write_bytes(bytes(sizes[-1]))
+        (folder / "short").write_bytes(bytes(sizes[len(sizes) // 2]))
+        times, floors = [], []
+        for _ in range(5):
+            reader = open_store(folder / "s")
+            began = perf_counter()
+            history = cell_history(reader, 6.0, 3.0)
+            times.append(perf_counter() - began)
+            began = perf_counter()
+            for _ in range(folded // FOLD):
+                (folder / "long").read_bytes()
+            for _ in range(scans - folded):
+                (folder / "short").read_bytes()
+            floors.append(perf_counter() - began)
+        assert history.shape == (scans,)
+    return min(times), min(floors)
+
+
 def around(costs: list[tuple[float, int]], number: int) -> tuple[float, float]:
     """Medians of seconds and bytes over the `SPAN` commits around `number`."""
     near = costs[number - SPAN // 2 : number + SPAN // 2 + 1]
@@ -144,6 +226,15 @@ def main() -> None:
         seconds, size = around(costs, number)
         print(f"  200 x 200  commit at scan {number:>3}: {seconds * 1e3:4.0f} ms, {size / 1e3:4.0f} kB")
     print("floor: the same cells, packed alike, in one npz, synced")
+    for what, (few, many) in growth(WARM, 3 * LATE).items():
+        print(
+            f"  20 x 30   {what}: {few * 1e3:.1f} ms of processor with {WARM} scans, {many * 1e3:.1f} with {3 * LATE}"
+        )
+    took, floor = history_cost()
+    print(
+        f"  1440 x 2560  history of 8x8 cells over 1,000 scans: {took * 1e3:.0f} ms; "
+        f"files as large read: {floor * 1e3:.1f} ms"
+    )
 
 
 if __name__ == "__main__":

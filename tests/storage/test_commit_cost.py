@@ -12,7 +12,7 @@ import pytest
 from pipelines import Grid
 from storage import create_store
 
-from ..benchmarks.bench_store import LATE, METRICS, SPAN, WARM, around, commit_costs, make_tick, relief
+from ..benchmarks.bench_store import LATE, METRICS, SPAN, WARM, around, commit_costs, growth, make_tick, relief
 
 
 @pytest.mark.soak
@@ -23,6 +23,14 @@ def test_a_commit_costs_the_same_at_scan_300_as_at_scan_10() -> None:
     print(f"scan {LATE}: {late_s * 1e3:.0f} ms, {late_bytes / 1e3:.0f} kB")
     assert late_bytes < 1.15 * early_bytes
     assert late_s < 2 * early_s, "measured on a machine that may do other things meanwhile"
+
+
+@pytest.mark.soak
+def test_ten_thousand_scans_cost_like_ten() -> None:
+    """An append, and opening a store and reading its last scan."""
+    for what, (few, many) in growth(10, 10_000).items():
+        print(f"\n{what}: {few * 1e3:.1f} ms of processor with 10 scans, {many * 1e3:.1f} ms with 10,000", end="")
+        assert many < 2 * few
 
 
 def test_a_commit_leaves_a_1_hz_video_its_time(tmp_path: Path) -> None:

@@ -17,8 +17,6 @@ import zarr
 from configs import StoreError
 from pipelines import Event, Frames, Grid, PatternSet
 from storage import Store, create_store, open_store
-from storage.binned import history_of
-from storage.packing import pack_bins
 from storage.repository import root_of
 
 from .ticks import GRID, METRICS, START, at, failure, surface, tick
@@ -208,29 +206,9 @@ def test_a_store_is_made_once(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["empty", "s"]
     with pytest.raises(StoreError, match="cannot be made"):
         _made(tmp_path / "s" / "config.yaml" / "deeper")
-    with pytest.raises(StoreError, match="not supported yet"):
-        open_store("s3://bucket/site")
-
-
-def test_a_coarse_cell_through_time(tmp_path: Path) -> None:
-    store = _made(tmp_path / "s")
-    heights = []
-    for number in range(66):
-        store.append(tick(number))
-        heights.append(pack_bins(surface(number).height, "int16", "height"))
-    binned = root_of(_session(tmp_path / "s"))["binned"]
-    assert binned["height"].shape == (64, 3, 4)
-    assert binned["height"].chunks[0] == 64
-    for row, column in ((0, 0), (2, 3)):
-        np.testing.assert_array_equal(
-            history_of(binned, "height", row, column), [each[row, column] for each in heights]
-        )
-    mean = float(np.nanmean(surface(65).height[:8, :8]))
-    assert history_of(binned, "height", 0, 0)[65] * 0.0005 == pytest.approx(mean, abs=0.00026)
-    assert history_of(binned, "dz", 0, 0)[0] == -32768
-    assert history_of(binned, "dz", 0, 0)[65] * 0.0005 == pytest.approx(-0.65, abs=0.002)
-    assert binned["x"][0] == pytest.approx(GRID.x_mm[:8].mean())
-    store.close()
+    for elsewhere in ("gs://bucket/site", "https://example.org/site", "s3://"):
+        with pytest.raises(StoreError, match="is no place for a store"):
+            open_store(elsewhere)
 
 
 def test_raw_frames_are_kept_where_a_tick_holds_them(tmp_path: Path) -> None:

@@ -10,13 +10,15 @@ from pathlib import Path
 import pytest
 
 from configs import StoreError
-from storage import writer_of
-from storage.lock import LOCK, WriterLock
+from storage import network_file_system, writer_of
+from storage.location import LOCK
+from storage.lock import WriterLock
 
 HOLD = """
 import sys
 from pathlib import Path
-from storage.lock import LOCK, WriterLock
+from storage.location import LOCK
+from storage.lock import WriterLock
 lock = WriterLock(Path(sys.argv[1]) / LOCK)
 print("held", flush=True)
 sys.stdin.read()
@@ -63,3 +65,34 @@ def test_whoever_looks_keeps_no_writer_out(tmp_path: Path, monkeypatch: pytest.M
     fcntl.flock(looking, fcntl.LOCK_SH)
     monkeypatch.setattr("storage.lock.time.sleep", lambda seconds: os.close(looking))
     WriterLock(tmp_path / LOCK).release()
+
+
+MOUNTS = r"""
+/dev/sda1 / ext4 rw,relatime 0 0
+server:/export /data nfs4 rw,vers=4.2 0 0
+/dev/sdb1 /data/local ext4 rw 0 0
+//nas/share /mnt/My\040Share cifs rw 0 0
+rig@host:/home /home/rig/remote fuse.sshfs rw 0 0
+tmpfs /data/covered nfs rw 0 0
+tmpfs /data/covered tmpfs rw 0 0
+"""
+
+
+@pytest.mark.parametrize(
+    ("place", "kind"),
+    [
+        ("/var/site.icechunk", None),
+        ("/data/site.icechunk", "NFS"),
+        ("/data/local/site.icechunk", None),
+        ("/data/localised/site.icechunk", "NFS"),
+        ("/mnt/My Share/deep/site.icechunk", "SMB"),
+        ("/home/rig/remote/site.icechunk", "sshfs"),
+        ("/data/covered/site.icechunk", None),
+        ("s3://bucket/data", None),
+    ],
+)
+def test_a_network_folder_is_recognised(tmp_path: Path, place: str, kind: str | None) -> None:
+    mounts = tmp_path / "mounts"
+    mounts.write_text(MOUNTS)
+    assert network_file_system(place, mounts) == kind
+    assert network_file_system(place, tmp_path / "none") is None

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import storage.repository
+import storage.folder
 from configs import StoreError
 from pipelines import Grid
 from storage import create_store, open_store
@@ -124,7 +124,7 @@ def test_the_reference_moves_only_after_everything_is_synced(tmp_path: Path, mon
         seen.append(reference.read_text())
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
-    monkeypatch.setattr(storage.repository, "sync_file_system", power_cut)
+    monkeypatch.setattr(storage.folder, "sync_file_system", power_cut)
     with pytest.raises(StoreError, match="was not stored: Input/output error"):
         store.append(tick(1))
     assert seen == [before]
@@ -176,7 +176,7 @@ def _kill_at_random(folder: Path, kills: int, seed: int) -> tuple[int, int]:
     return acknowledged + 1, len(store)
 
 
-def _check_whole(folder: Path) -> None:
+def check_whole(folder: str | Path) -> None:
     store = open_store(folder)
     times = store.window()["time"].values
     assert (np.diff(times.astype(np.int64)) > 0).all()
@@ -193,15 +193,15 @@ def test_kill_9_loses_nothing_acknowledged(tmp_path: Path) -> None:
     acknowledged, found = _kill_at_random(tmp_path / "s", kills=5, seed=20261122)
     assert acknowledged >= 1
     assert found >= acknowledged
-    _check_whole(tmp_path / "s")
+    check_whole(tmp_path / "s")
 
 
 @pytest.mark.soak
 def test_many_kills_lose_nothing_acknowledged(tmp_path: Path) -> None:
     _store(tmp_path / "s", 1)
-    acknowledged, found = _kill_at_random(tmp_path / "s", kills=40, seed=7)
-    print(f"40 kills: {acknowledged} scans acknowledged, {found} found")
-    _check_whole(tmp_path / "s")
+    acknowledged, found = _kill_at_random(tmp_path / "s", kills=200, seed=7)
+    print(f"200 kills: {acknowledged} scans acknowledged, {found} found")
+    check_whole(tmp_path / "s")
 
 
 FILLER = """

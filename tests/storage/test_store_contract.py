@@ -16,17 +16,18 @@ from storage import STORES, Store, create_store
 from .ticks import GRID, METRICS, at, calibration, change_of, failure, surface, tick
 
 
-@pytest.fixture(params=list(STORES))
+@pytest.fixture(params=[*STORES, "icechunk on S3"])
 def store(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Store]:
+    kind, _, on_s3 = request.param.partition(" on ")
     made = create_store(
-        tmp_path / "site.icechunk",
+        f"{request.getfixturevalue('s3_prefix')}/site.icechunk" if on_s3 else tmp_path / "site.icechunk",
         site="plot 7",
         grid=GRID,
         campaign="site: plot 7\n",
         campaign_hash="abc123",
         metrics=METRICS,
         software="microrelief 0.0",
-        kind=request.param,
+        kind=kind,
     )
     yield made
     made.close()
