@@ -28,6 +28,8 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "calibrate": ("calibrate:calibrate", "Calibrate a rig from captures of a board."),
     "diagnose": ("diagnose:diagnose", "Say what is wrong with a capture, and how to mend it."),
     "reconstruct": ("reconstruct:reconstruct", "Turn one capture into a height map."),
+    "mosaic": ("mosaic:mosaic", "Stitch the tiles of a scanning stage into one height map."),
+    "merge": ("merge:merge", "Merge views of one object from several sides."),
     "run": ("run:run", "Monitor on a schedule; survives restarts."),
     "scan": ("run:scan", "Take one scan now."),
     "video": ("video:video", "Record continuous 3D video."),

@@ -7,6 +7,8 @@ from .importers import read_height_map
 from .ledger import Ledger, LedgerAddress, LedgerRow, SlotState, ledger_beside
 from .lock import writer_of
 from .pattern_file import read_patterns, write_patterns
+from .point_file import holds_points, read_points
+from .stage_file import StageFile, StagePosition, read_stage
 from .store import About, Store, Stored
 from .stores import STORES, create_store, open_store
 
@@ -17,15 +19,20 @@ __all__ = [
     "LedgerAddress",
     "LedgerRow",
     "SlotState",
+    "StageFile",
+    "StagePosition",
     "Store",
     "Stored",
     "create_store",
+    "holds_points",
     "ledger_beside",
     "open_store",
     "read_capture",
     "read_height_map",
     "read_image",
     "read_patterns",
+    "read_points",
+    "read_stage",
     "whole_file",
     "write_capture",
     "write_height_map",
