@@ -24,6 +24,9 @@ __all__ = ["merge"]
 
 Floats = npt.NDArray[np.float64]
 
+MISFIT = 8.0
+"""Views that differ by so many times what their sigmas predict do not show one surface, or lie elsewhere."""
+
 
 def merge(
     *views: Path,
@@ -98,6 +101,11 @@ def merge(
     placed = [rec.regrid(scan, matrix, whole) for scan, matrix in zip(scans, matrices, strict=True)]
     for number in range(1, len(placed)):
         seam = rec.seam_between(placed[0], placed[number])
+        if seam.over_sigma > MISFIT:
+            raise InputError(
+                f"{surfaces[number].name}: does not fit {surfaces[0].name}: they differ by {seam.over_sigma:.0f} times "
+                "what their sigmas predict; say how it was turned with --stage"
+            )
         print(
             f"  {surfaces[number].name} less {surfaces[0].name}: {seam.cells} common cells, bias "
             f"{1000 * seam.bias_mm:+.2f} um, robust sd {1000 * seam.sd_mm:.2f} um, "
