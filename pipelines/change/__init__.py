@@ -6,6 +6,7 @@ from .cracks import CrackRule, crack_mask
 from .curl import edge_lift
 from .deposits import Deposit, find_deposits
 from .difference import difference
+from .m3c2 import Distances, m3c2
 from .metrics import METRICS, measure
 from .motion import Motion, Verdict
 from .move import apply_motion
@@ -21,6 +22,7 @@ __all__ = [
     "CrackOpenings",
     "CrackRule",
     "Deposit",
+    "Distances",
     "Measurement",
     "Metric",
     "Motion",
@@ -33,6 +35,7 @@ __all__ = [
     "difference",
     "edge_lift",
     "find_deposits",
+    "m3c2",
     "measure",
     "polygon_mask",
     "register",
