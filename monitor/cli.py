@@ -30,6 +30,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "reconstruct": ("reconstruct:reconstruct", "Turn one capture into a height map."),
     "mosaic": ("mosaic:mosaic", "Stitch the tiles of a scanning stage into one height map."),
     "merge": ("merge:merge", "Merge views of one object from several sides."),
+    "compare": ("compare:compare", "Say what changed between two height maps, and how surely."),
     "run": ("run:run", "Monitor on a schedule; survives restarts."),
     "scan": ("run:scan", "Take one scan now."),
     "video": ("video:video", "Record continuous 3D video."),

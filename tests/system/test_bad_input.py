@@ -184,6 +184,41 @@ REFUSED = [
     ("views of two objects", "merge h0.npz h1.npz --out o.npz", 2, "h1.npz: does not fit h0.npz: .*--stage"),
     ("a turn and a board", "merge h0.npz h1.npz --stage stage.csv --same-board --out o.npz", 2, "told by one of them"),
     ("a merge into a folder", "merge h0.npz h1.npz --out folder.nc", 2, "folder.nc: is a folder, name a file"),
+    (
+        "a comparison with nothing",
+        "compare h0.npz gone.npz --out o.npz",
+        2,
+        "gone.npz: no such capture folder or height",
+    ),
+    ("a comparison with text", "compare h0.npz text.txt --out o.npz", 2, "text.txt: a height map cannot be read from"),
+    ("a comparison into a picture", "compare h0.npz h1.npz --out o.tif", 2, "a comparison is an .npz file"),
+    ("a method that is none", "compare h0.npz h1.npz --method icp --out o.npz", 2, "icp"),
+    ("a radius in metres", "compare h0.npz h1.npz --radius 1e-4 --out o.npz", 2, "--radius 0.0001: must be more than"),
+    (
+        "a ball within a cell",
+        "compare h0.npz h1.npz --normal-radius 0.01 --out o.npz",
+        2,
+        "--normal-radius 0.01: must be",
+    ),
+    ("a cylinder of no length", "compare h0.npz h1.npz --max-distance 0 --out o.npz", 2, "--max-distance 0: must be"),
+    (
+        "an error below zero",
+        "compare h0.npz h1.npz --registration-error -1 --out o.npz",
+        2,
+        "--registration-error -1: ",
+    ),
+    (
+        "maps that do not overlap",
+        "compare h0.npz h2.npz --out o.npz",
+        2,
+        "h2.npz: has no measured cell in common with h0",
+    ),
+    (
+        "maps that cannot be registered",
+        "compare h0.npz h2.npz --register --out o.npz",
+        1,
+        "h2.npz: cannot be registered",
+    ),
     ("a command that is none", "recnstruct plain", 2, "no command 'recnstruct', did you mean 'reconstruct'"),
 ]
 
@@ -293,6 +328,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for number in range(2):
         height = cv2.GaussianBlur(np.random.default_rng(number).normal(0, 1, (60, 60)).astype(np.float32), (0, 0), 3)
         np.savez(here / f"h{number}.npz", height=height, pitch_mm=0.02)
+    np.savez(here / "h2.npz", height=height, pitch_mm=0.02, x0_mm=500.0)
     (here / "stage.csv").write_text("tile,x_mm,y_mm\nh0,0,0\nh1,900,0\n")
     (here / "comma.csv").write_text("tile,x_mm,y_mm\nh0,0,5,0,5\nh1,1,0\n")
     (here / "axes.yaml").write_text("axes: [x, -x]\ntiles: {h0: [0, 0], h1: [1, 0]}\n")
