@@ -10,6 +10,8 @@ from .location import store_exists, writer_of
 from .network import network_file_system
 from .past import Snapshot, snapshots
 from .pattern_file import read_patterns, write_patterns
+from .point_file import holds_points, read_points
+from .stage_file import StageFile, StagePosition, read_stage
 from .store import About, Store, Stored
 from .stores import STORES, create_store, open_store
 
@@ -21,11 +23,14 @@ __all__ = [
     "LedgerRow",
     "SlotState",
     "Snapshot",
+    "StageFile",
+    "StagePosition",
     "Store",
     "Stored",
     "cell_history",
     "create_store",
     "find_scan",
+    "holds_points",
     "ledger_beside",
     "line_history",
     "network_file_system",
@@ -34,6 +39,8 @@ __all__ = [
     "read_height_map",
     "read_image",
     "read_patterns",
+    "read_points",
+    "read_stage",
     "snapshots",
     "store_exists",
     "whole_file",

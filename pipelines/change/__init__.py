@@ -7,6 +7,7 @@ from .cracks import CrackRule, crack_mask
 from .curl import edge_lift
 from .deposits import Deposit, find_deposits
 from .difference import difference
+from .m3c2 import Distances, m3c2
 from .metrics import METRICS, measure
 from .motion import Motion, Verdict
 from .move import apply_motion
@@ -26,6 +27,7 @@ __all__ = [
     "CrackOpenings",
     "CrackRule",
     "Deposit",
+    "Distances",
     "Expected",
     "Measurement",
     "Metric",
@@ -48,6 +50,7 @@ __all__ = [
     "find_deposits",
     "find_objects",
     "follow_objects",
+    "m3c2",
     "measure",
     "polygon_mask",
     "register",

@@ -17,7 +17,7 @@ from .rig_model import Calibration
 from .slabs import in_slabs
 from .triangulate import bow_mm
 
-__all__ = ["footprint_grid", "to_scan"]
+__all__ = ["footprint_grid", "on_reference", "to_scan"]
 
 SHARED = 1.5  # widths of the finest stripe over which neighbouring pixels share the errors of its edges
 USELESS = 0.01  # of the field of view: a point less certain than that tells nothing of a surface
@@ -46,9 +46,9 @@ def footprint_grid(calibration: Calibration, pitch_mm: float | None = None) -> G
     columns, rows = calibration.camera.size
     u, v = np.linspace(0, columns - 1, 97), np.linspace(0, rows - 1, 97)
     pixels = np.stack(np.meshgrid(u, v), axis=-1)
-    points = _on_reference(calibration, pixels)
-    aside = _on_reference(calibration, pixels + np.array([1.0, 0.0]))
-    below = _on_reference(calibration, pixels + np.array([0.0, 1.0]))
+    points = on_reference(calibration, pixels)
+    aside = on_reference(calibration, pixels + np.array([1.0, 0.0]))
+    below = on_reference(calibration, pixels + np.array([0.0, 1.0]))
     pixel_mm2 = np.linalg.norm(np.cross(aside - points, below - points), axis=-1)
     lit = points @ calibration.R.T + calibration.t_mm
     where = project(calibration.projector, lit)
@@ -170,7 +170,7 @@ def _field_mm(calibration: Calibration) -> float:
     return float(distance * min(sides))
 
 
-def _on_reference(calibration: Calibration, pixels: Floats) -> Floats:
+def on_reference(calibration: Calibration, pixels: Floats) -> Floats:
     """Points of the reference plane (camera frame, mm) that camera pixels see."""
     flat = undistort(calibration.camera, pixels)
     rays = np.concatenate([flat, np.ones((*flat.shape[:-1], 1))], axis=-1)

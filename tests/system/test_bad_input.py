@@ -157,6 +157,68 @@ REFUSED = [
     ("a pattern size in one number", "patterns --out o --size 608", 2, "give columns and rows, such as 608x684"),
     ("a demo of one scan", "demo --out o --scans 1", 2, "--scans must be at least 2"),
     ("a demo into a file", "demo --out text.txt", 2, "--out text.txt: cannot be written"),
+    ("a mosaic of one tile", "mosaic h0.npz --stage stage.csv --out o.npz", 2, "needs two tiles or more"),
+    ("tiles that do not overlap", "mosaic h0.npz h1.npz --stage stage.csv --out o.npz", 2, "h0.npz: overlaps no other"),
+    ("no stage file", "mosaic h0.npz h1.npz --stage no.csv --out o.npz", 2, "no.csv: no such stage file"),
+    ("a tile without a place", "mosaic h0.npz plain --stage stage.csv --out o.npz", 2, "no position of tile plain"),
+    (
+        "a decimal comma of the stage",
+        "mosaic h0.npz h1.npz --stage comma.csv --out o.npz",
+        2,
+        "comma.csv:2: has 5 values",
+    ),
+    (
+        "a stage file without tiles",
+        "mosaic h0.npz h1.npz --stage typo.yaml --out o.npz",
+        2,
+        "typo.yaml:1:1: needs `tiles",
+    ),
+    (
+        "axes that cannot be",
+        "mosaic h0.npz h1.npz --stage axes.yaml --out o.npz",
+        2,
+        "axes.yaml:1:7: axes: must be two",
+    ),
+    ("a tile given twice", "mosaic h0.npz h0.npz --stage stage.csv --out o.npz", 2, "h0.npz: given twice"),
+    ("a capture without calibration", "merge h0.npz plain --out o.npz", 2, "plain: is a capture, it needs the calibr"),
+    ("views of two objects", "merge h0.npz h1.npz --out o.npz", 2, "h1.npz: does not fit h0.npz: .*--stage"),
+    ("a turn and a board", "merge h0.npz h1.npz --stage stage.csv --same-board --out o.npz", 2, "told by one of them"),
+    ("a merge into a folder", "merge h0.npz h1.npz --out folder.nc", 2, "folder.nc: is a folder, name a file"),
+    (
+        "a comparison with nothing",
+        "compare h0.npz gone.npz --out o.npz",
+        2,
+        "gone.npz: no such capture folder or height",
+    ),
+    ("a comparison with text", "compare h0.npz text.txt --out o.npz", 2, "text.txt: a height map cannot be read from"),
+    ("a comparison into a picture", "compare h0.npz h1.npz --out o.tif", 2, "a comparison is an .npz file"),
+    ("a method that is none", "compare h0.npz h1.npz --method icp --out o.npz", 2, "icp"),
+    ("a radius in metres", "compare h0.npz h1.npz --radius 1e-4 --out o.npz", 2, "--radius 0.0001: must be more than"),
+    (
+        "a ball within a cell",
+        "compare h0.npz h1.npz --normal-radius 0.01 --out o.npz",
+        2,
+        "--normal-radius 0.01: must be",
+    ),
+    ("a cylinder of no length", "compare h0.npz h1.npz --max-distance 0 --out o.npz", 2, "--max-distance 0: must be"),
+    (
+        "an error below zero",
+        "compare h0.npz h1.npz --registration-error -1 --out o.npz",
+        2,
+        "--registration-error -1: ",
+    ),
+    (
+        "maps that do not overlap",
+        "compare h0.npz h2.npz --out o.npz",
+        2,
+        "h2.npz: has no measured cell in common with h0",
+    ),
+    (
+        "maps that cannot be registered",
+        "compare h0.npz h2.npz --register --out o.npz",
+        1,
+        "h2.npz: cannot be registered",
+    ),
     ("a command that is none", "recnstruct plain", 2, "no command 'recnstruct', did you mean 'reconstruct'"),
 ]
 
@@ -263,6 +325,13 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (here / "swapped.yaml").write_text(text.replace("columns, rows]", "rows, columns]"))
     (here / "typo.yaml").write_text(text.replace("size:", "sizes:"))
     (here / "cut.yaml").write_text(text.replace("120]", "120", 1))
+    for number in range(2):
+        height = cv2.GaussianBlur(np.random.default_rng(number).normal(0, 1, (60, 60)).astype(np.float32), (0, 0), 3)
+        np.savez(here / f"h{number}.npz", height=height, pitch_mm=0.02)
+    np.savez(here / "h2.npz", height=height, pitch_mm=0.02, x0_mm=500.0)
+    (here / "stage.csv").write_text("tile,x_mm,y_mm\nh0,0,0\nh1,900,0\n")
+    (here / "comma.csv").write_text("tile,x_mm,y_mm\nh0,0,5,0,5\nh1,1,0\n")
+    (here / "axes.yaml").write_text("axes: [x, -x]\ntiles: {h0: [0, 0], h1: [1, 0]}\n")
     (here / "campaign.yaml").write_text(CAMPAIGN)
     (here / "typo-campaign.yaml").write_text(CAMPAIGN.replace("every", "evry"))
     (here / "rig-option.yaml").write_text(CAMPAIGN.replace("camera", "camra"))

@@ -10,17 +10,21 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from monitor.stitching import stitch
 from pipelines.reconstruction import (
     Board,
     Calibration,
     Decoded,
     Lens,
     calibrate_decoded,
+    covering_grid,
     decode,
     footprint_grid,
     locate,
     reconstruct,
     refine,
+    regrid,
+    seam_between,
     to_scan,
     triangulate,
 )
@@ -246,3 +250,34 @@ def test_mirrored_and_turned_optics_give_the_same_surface(
     print(f"{how}: stereo rms {rig.rms_px['stereo']:.3f} px, depth sd {1000 * robust_sd(error):.2f} um")
     assert robust_sd(error) <= 0.004
     assert (np.abs(error) > 0.1).mean() <= 0.0005
+
+
+def test_the_stage_is_where_the_overlap_says(shared_data: Path, rendered_rig: Calibration) -> None:
+    """The second tile's real position, beginning at the commanded one, 17 um off."""
+    folder = shared_data / "rendered"
+    patterns, grid = read_patterns(folder / "patterns.yaml"), footprint_grid(rendered_rig)
+    scans = []
+    for name in ("t0", "t0_tile1"):
+        frames = read_capture(folder / name, patterns)
+        scans.append(to_scan(reconstruct(frames, rendered_rig), rendered_rig, grid, frames.time))
+    stage = json.loads((folder / "t0_tile1" / "stage_truth.json").read_text())
+    told = np.array([[0.0, 0, 0], stage["commanded_mm"]])
+    found = stitch(scans, told, axes=None, stage_sigma_mm=0.05, bow_mm=bow_mm(rendered_rig))
+    world_to_camera = np.array(json.loads((folder / "rig_truth.json").read_text())["camera"]["R_world_to_device"])
+    actual = rendered_rig.reference[:, :3] @ world_to_camera @ np.array(stage["actual_mm"])
+    off = found.placement.position_mm[1] - actual
+    sigma = found.placement.sigma_mm[1]
+    print(f"stage: {found.axes}, off by {np.round(1000 * off, 2)} um, sigma {np.round(1000 * sigma, 2)} um")
+    assert found.verdicts[0].verdict == "good"
+    assert np.abs(off).max() <= 0.005
+    placed = []
+    for scan, position in zip(scans, found.placement.position_mm, strict=True):
+        matrix = np.eye(4)
+        matrix[:3, 3] = -position
+        placed.append(regrid(scan, matrix, covering_grid([scan], [matrix], grid.pitch_mm)))
+    seam = seam_between(*placed)
+    print(f"  seam: {seam.cells} cells, bias {1000 * seam.bias_mm:.2f} um, sd {1000 * seam.sd_mm:.2f} um")
+    assert seam.cells > 150_000
+    assert abs(seam.bias_mm) < 0.001
+    assert seam.sd_mm < 0.005
+    assert seam.over_sigma == pytest.approx(1, abs=0.2)

@@ -1,0 +1,230 @@
+"""``microrelief compare``: what changed between two height maps, and how surely."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+from cyclopts import Parameter
+
+from configs import InputError, MicroreliefError
+from pipelines import Motion, Scan, with_uncertainty
+from pipelines import change as ch
+from storage import whole_file
+
+from ..surfaces import read_surfaces
+
+__all__ = ["compare"]
+
+NORMAL_CELLS, RADIUS_CELLS = 10.3, 5.3
+"""Radii where none are given, in cells of BEFORE; no whole numbers, so that no point lies just on a border."""
+LEAST_NORMAL_CELLS, LEAST_RADIUS_CELLS = 1.5, 1.0
+
+
+def compare(
+    before: Path,
+    after: Path,
+    *,
+    out: Annotated[Path, Parameter(name=["--out", "-o"])],
+    method: Literal["m3c2", "dod"] = "m3c2",
+    normal_radius: Annotated[tuple[float, ...], Parameter(negative="")] = (),
+    radius: float | None = None,
+    max_distance: float | None = None,
+    registration_error: float | None = None,
+    statistic: Literal["mean", "median"] = "mean",
+    register: Annotated[bool, Parameter(negative="")] = False,
+) -> None:
+    """Say what changed between two height maps, and how surely.
+
+    M3C2 measures along the surface's local normal (Lague, Brodu and Leroux 2013) and is right on walls too; dod
+    subtracts heights cell by cell. Every measured cell is a point (x = column * pitch, y = row * pitch). Lengths in mm.
+
+    The .npz holds `distance`, `lod` (level of detection, 95 %), `n1`, `n2`, `spread1`, `spread2` in BEFORE's shape;
+    distance is positive where AFTER lies along the normal that points up. Volumes are printed.
+
+    Parameters
+    ----------
+    before
+        Height map: .npz (`height`, `pitch_mm`), .nc or .tif.
+    after
+        The later one.
+    out
+        Where the result goes, an .npz.
+    method
+        m3c2, or dod (difference of heights).
+    normal_radius
+        Radius of the ball that gives the normal, by default 10.3 cells; given several times, the most planar counts.
+    radius
+        Radius of the cylinder, by default 5.3 cells.
+    max_distance
+        Half of the cylinder's length; by default enough for the greatest change of height.
+    registration_error
+        What alignment leaves between the two; with --register what it says of itself, else 0.
+    statistic
+        mean, or median (with interquartile ranges) for surfaces with gross errors.
+    register
+        Align AFTER to BEFORE first; never done unasked.
+
+    Example
+    -------
+    microrelief compare monday.tif friday.tif --register --out change.npz
+    """
+    _check(out, registration_error)
+    one = read_surfaces([before], [None], None, None)[0].scan
+    two = _same_pitch(read_surfaces([after], [None], None, None)[0].scan, one)
+    known = 0.0 if registration_error is None else registration_error
+    motion = replace(Motion.none(), sigma_z_mm=known)
+    stable = np.zeros(one.grid.shape, dtype=np.bool_)
+    on_grid = ch.apply_motion(two, Motion.none(), one.grid)
+    if register:
+        found = ch.compare(on_grid, one)
+        if found.change.motion.verdict == "failed":
+            raise MicroreliefError(f"{after}: cannot be registered to {before}: {found.change.motion.reason}")
+        motion = found.change.motion
+        if registration_error is not None:
+            motion = replace(motion, sigma_z_mm=registration_error)
+        stable, two = found.stable, found.scan
+        on_grid = two
+        print(_about_motion(motion))
+    change = ch.difference(on_grid, one, motion)
+    if not np.isfinite(change.dz).any():
+        raise InputError(f"{after}: has no measured cell in common with {before}")
+    if method == "dod":
+        result = _dod(one, on_grid, change)
+    else:
+        lengths = _lengths(one, change.dz, normal_radius, radius, max_distance)
+        result = _m3c2(one, two, lengths, motion.sigma_z_mm, statistic)
+    for line in _about(result, method):
+        print(line)
+    region = np.ones(one.grid.shape, dtype=np.bool_)
+    volumes = ch.volumes(change, region, stable)
+    for name, each in (("gained", volumes.gained), ("lost", volumes.lost), ("net", volumes.net)):
+        print(f"volume {name:<7}{with_uncertainty(each, 'mm3')}")
+    share = f"{100 * volumes.covered:.1f} %"
+    print(f"volumes are sums of AFTER less BEFORE over the {share} of BEFORE's cells that both measured")
+    with whole_file(out) as file, file.open("wb") as stream:
+        grid = one.grid
+        place: dict[str, Any] = {"pitch_mm": grid.pitch_mm, "x0_mm": grid.x0_mm, "y0_mm": grid.y0_mm}
+        np.savez_compressed(stream, **place, **result)
+    print(f"wrote {out}")
+
+
+@dataclass(frozen=True, slots=True)
+class _Lengths:
+    """What M3C2 is told, mm."""
+
+    normals: tuple[float, ...]
+    radius: float
+    most: float
+
+
+def _check(out: Path, registration_error: float | None) -> None:
+    if out.suffix.lower() != ".npz":
+        raise InputError(f"--out {out}: a comparison is an .npz file")
+    if not out.parent.is_dir():
+        raise InputError(f"--out {out}: there is no folder {out.parent}")
+    if out.is_dir():
+        raise InputError(f"--out {out}: is a folder, name a file")
+    if registration_error is not None and not (np.isfinite(registration_error) and registration_error >= 0):
+        raise InputError(f"--registration-error {registration_error:g}: must be 0 or a positive number of mm")
+
+
+def _same_pitch(two: Scan, one: Scan) -> Scan:
+    """AFTER with BEFORE's cells where its own are of another size."""
+    if abs(two.grid.pitch_mm - one.grid.pitch_mm) <= 1e-6 * one.grid.pitch_mm:
+        return two
+    print(
+        f"AFTER's cells of {two.grid.pitch_mm:g} mm are interpolated to BEFORE's of {one.grid.pitch_mm:g} mm: "
+        "neighbours share their noise then"
+    )
+    return ch.apply_motion(two, Motion.none(), one.grid)
+
+
+def _lengths(
+    one: Scan,
+    dz: npt.NDArray[np.float32],
+    normal_radius: tuple[float, ...],
+    radius: float | None,
+    max_distance: float | None,
+) -> _Lengths:
+    pitch = one.grid.pitch_mm
+    normals = normal_radius or (NORMAL_CELLS * pitch,)
+    around = RADIUS_CELLS * pitch if radius is None else radius
+    for option, least, values in (
+        ("--normal-radius", LEAST_NORMAL_CELLS * pitch, normals),
+        ("--radius", LEAST_RADIUS_CELLS * pitch, (around,)),
+    ):
+        for value in values:
+            if not (np.isfinite(value) and value > least):
+                raise InputError(f"{option} {value:g}: must be more than {least:g} mm, for cells of {pitch:g} mm")
+    if max_distance is None:
+        greatest = float(np.quantile(np.abs(dz[np.isfinite(dz)]), 0.999))
+        max_distance = max(3 * around, 1.2 * greatest)
+    if not (np.isfinite(max_distance) and max_distance > 0):
+        raise InputError(f"--max-distance {max_distance:g}: must be a positive number of mm")
+    return _Lengths(normals, around, max_distance)
+
+
+def _m3c2(
+    one: Scan, two: Scan, lengths: _Lengths, error: float, statistic: Literal["mean", "median"]
+) -> dict[str, Any]:
+    several = ", ".join(f"{each:.4g}" for each in lengths.normals)
+    print(
+        f"M3C2 ({statistic}): normal radius {several} mm, radius {lengths.radius:.4g} mm, "
+        f"max distance {lengths.most:.4g} mm, registration error {error:.2g} mm"
+    )
+    found = ch.m3c2(
+        one.height,
+        two.height,
+        one.grid.pitch_mm,
+        normal_radii_mm=lengths.normals,
+        radius_mm=lengths.radius,
+        max_distance_mm=lengths.most,
+        registration_error_mm=error,
+        statistic=statistic,
+        offset_mm=(two.grid.x0_mm - one.grid.x0_mm, two.grid.y0_mm - one.grid.y0_mm),
+    )
+    names = ("distance", "lod", "n1", "n2", "spread1", "spread2", "normal")
+    return {name: getattr(found, name) for name in names}
+
+
+def _dod(one: Scan, two: Scan, change: ch.Change) -> dict[str, Any]:
+    """The difference of heights: one cell of each, its own sigma for the spread."""
+    count = np.isfinite(change.dz).astype(np.int32)
+    spreads = [np.where(count > 0, scan.sigma, np.nan).astype(np.float64) for scan in (one, two)]
+    distance, lod = change.dz.astype(np.float64), change.lod.astype(np.float64)
+    return {
+        "distance": distance,
+        "lod": lod,
+        "n1": count,
+        "n2": count,
+        "spread1": spreads[0],
+        "spread2": spreads[1],
+    }
+
+
+def _about_motion(motion: Motion) -> str:
+    x, y, z = motion.shift_mm
+    tilt = np.rad2deg(np.hypot(motion.matrix[2, 0], motion.matrix[2, 1]))
+    doubt = f"; doubtful: {motion.reason}" if motion.verdict == "doubtful" else ""
+    return (
+        f"registered: AFTER moved by {x:+.4g}, {y:+.4g}, {z:+.4g} mm and tilted by {tilt:.3g} deg, residual "
+        f"{motion.residual_mm:.3g} mm, +-{motion.sigma_xy_mm:.2g} mm sideways, +-{motion.sigma_z_mm:.2g} mm up{doubt}"
+    )
+
+
+def _about(result: dict[str, Any], method: str) -> list[str]:
+    distance, lod = result["distance"], result["lod"]
+    known = np.isfinite(distance)
+    if not known.any():
+        return [f"{method}: no distance could be measured: the cylinders hold no point of AFTER, give --max-distance"]
+    significant = float((np.abs(distance) > lod)[known].mean())
+    low, middle, high = np.quantile(distance[known], (0.05, 0.5, 0.95))
+    detect = float(np.nanmedian(lod)) if np.isfinite(lod).any() else float("nan")
+    return [
+        f"distance {low:+.4g} / {middle:+.4g} / {high:+.4g} mm (5 / 50 / 95 %) over {int(known.sum())} of "
+        f"{distance.size} cells; level of detection {detect:.3g} mm (median), {100 * significant:.1f} % significant"
+    ]

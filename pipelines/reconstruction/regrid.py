@@ -1,0 +1,112 @@
+"""A height map moved rigidly and put on another grid: its cells are points, gridded as the points of a capture are."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from ..grid import Grid
+from ..scan import Scan
+from .grid_kernels import STEEPEST, bridge, fill, lay
+from .slabs import in_slabs
+
+__all__ = ["covering_grid", "regrid"]
+
+Floats = npt.NDArray[np.float64]
+
+APART = 1e6  # cells of one height map share their errors: several in one new cell are worth no more than one
+BAND = 64
+
+
+def regrid(scan: Scan, matrix: Floats, grid: Grid) -> Scan:
+    """Move a height map and put it on a grid.
+
+    Each measured cell is a point that is moved to the centre of its new cell along the slope of its surface. Where two
+    surfaces fall into one cell, one wins: nothing is averaged across a wall, and nothing is smeared down it as
+    interpolation between cells would. Single cells that stay empty between two of the same surface are filled.
+
+    Parameters
+    ----------
+    scan : Scan
+    matrix : ndarray of float64, shape (4, 4)
+        Rigid motion: x_new = matrix @ x_scan, homogeneous, mm.
+    grid : Grid
+        Of about the same pitch or a coarser one; a finer one stays empty in between.
+
+    Returns
+    -------
+    Scan
+        On `grid`; sigma is carried, not averaged down.
+    """
+    x, y = np.meshgrid(scan.grid.x_mm, scan.grid.y_mm)
+    xyz = np.stack([x, y, scan.height], axis=-1).astype(np.float32)
+    keep = np.isfinite(scan.height)
+    shape = grid.shape
+    level, texture = np.empty(shape, np.uint8), np.empty(shape, np.uint8)
+    height, raw, sigma = (np.empty(shape, np.float32) for _ in range(3))
+    cell, above = np.empty(keep.shape, np.int32), np.empty(keep.shape, np.float32)
+    offset, slope = np.empty((*keep.shape, 2), np.int8), np.empty((*keep.shape, 2), np.int16)
+    reach = np.empty((len(keep), 2), np.int32)
+    place = (grid.x0_mm, grid.y0_mm, grid.pitch_mm)
+    moved = np.ascontiguousarray(matrix[:3], dtype=np.float64)
+    steepest = STEEPEST * grid.pitch_mm
+    spread = np.where(np.isfinite(scan.sigma), scan.sigma, np.float32(1))  # without sigmas all cells count alike
+    in_slabs(
+        len(keep),
+        lambda a, b: lay(xyz, keep, np.inf, moved, place, shape, cell, above, offset, slope, reach, a, b),
+    )
+    in_slabs(
+        grid.rows,
+        lambda a, b: fill(
+            cell, above, offset, slope, reach, spread, scan.texture, scan.level,
+            steepest, grid.pitch_mm, APART, 0.0, raw, sigma, texture, level, a, b,
+        ),
+        step=BAND,
+    )  # fmt: skip
+    in_slabs(grid.rows, lambda a, b: bridge(raw, height, sigma, texture, level, steepest, a, b))
+    if not np.isfinite(scan.sigma).any():
+        sigma[:] = np.nan
+    return Scan(grid, scan.time, height, sigma, texture, level, scan.calibration_id)
+
+
+def covering_grid(
+    scans: Sequence[Scan], matrices: Sequence[Floats], pitch_mm: float, centre_mm: tuple[float, float] | None = None
+) -> Grid:
+    """Give the grid that covers the measured cells of moved height maps.
+
+    Parameters
+    ----------
+    scans : sequence of Scan
+    matrices : sequence of ndarray of float64, shape (4, 4)
+        How each is moved.
+    pitch_mm : float
+    centre_mm : (float, float), optional
+        Where the centre of a cell is to lie; half a pitch from the origin if left out. Cells that are moved by just
+        half a cell fall into one or the other by rounding: give a moved cell's centre where there is one to give.
+
+    Raises
+    ------
+    ValueError
+        If nothing was measured in any.
+    """
+    low, high = np.full(2, np.inf), np.full(2, -np.inf)
+    for scan, matrix in zip(scans, matrices, strict=True):
+        rows, columns = np.nonzero(np.isfinite(scan.height))
+        if rows.size == 0:
+            continue
+        points = np.stack([scan.grid.x_mm[columns], scan.grid.y_mm[rows], scan.height[rows, columns]])
+        moved = matrix[:2, :3] @ points + matrix[:2, 3:]
+        low, high = np.minimum(low, moved.min(axis=1)), np.maximum(high, moved.max(axis=1))
+    if not np.isfinite(low).all():
+        raise ValueError("no cell was measured in any of them")
+    centre = np.array((pitch_mm / 2, pitch_mm / 2) if centre_mm is None else centre_mm)
+    first, last = (np.floor((each - centre) / pitch_mm + 0.5).astype(int) for each in (low, high))
+    return Grid(
+        rows=int(last[1] - first[1]) + 1,
+        columns=int(last[0] - first[0]) + 1,
+        pitch_mm=pitch_mm,
+        x0_mm=float(centre[0] + first[0] * pitch_mm),
+        y0_mm=float(centre[1] + first[1] * pitch_mm),
+    )

@@ -1,0 +1,33 @@
+"""Real terrain and its blurred, shifted copy: the offset that others publish, 3 columns and 5 rows."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from pipelines import Scan
+from pipelines.change import register
+from storage import read_height_map
+from tests.pipelines.change.scans import scan_of
+
+CELL = 90.0
+"""Metres; the files count in degrees, which are taken as they are here."""
+
+
+def terrain(file: Path) -> Scan:
+    """Rows from the north down, as both files begin in one corner; heights in metres, good to one."""
+    height = read_height_map(file).height[::-1] / 1000
+    return scan_of(height[:995, :997], CELL, sigma=1.0, texture=np.zeros((995, 997)))
+
+
+def test_the_published_offset_is_found(shared_data: Path) -> None:
+    folder = shared_data / "change" / "srtm"
+    before, after = (terrain(folder / f"{name}.tif") for name in ("srtm_ref", "srtm_blurred_and_shifted"))
+    motion = register(after, before)
+    middle = np.array([CELL * 997 / 2, CELL * 995 / 2, float(before.height.mean()), 1.0])
+    x, y, z = (motion.matrix @ middle - middle)[:3]
+    print(f"srtm: {x / CELL:.5f} columns, {y / CELL:.5f} rows, {z:.4f} m; {motion.verdict} {motion.reason}")
+    assert motion.verdict != "failed"
+    assert abs(x / CELL - 3) <= 0.01
+    assert abs(y / CELL - 5) <= 0.01
