@@ -10,8 +10,9 @@ import numpy as np
 
 from .bundle import LENS, Solution, information, view_slopes
 from .corner_evidence import Fit
-from .pinhole import Floats, project, rotation, undistort
+from .pinhole import Floats, project, rotation
 from .rig_model import Lens
+from .sight import on_plane
 from .site_frame import lens_of, site_frame
 
 __all__ = ["parameter_sigma"]
@@ -76,12 +77,13 @@ def parameter_sigma(here: Fit, reference: int, sizes: Sizes, names: Sequence[str
 
 def _weak(solution: Solution, sigma: Floats, share: Floats) -> list[str]:
     words: list[str] = []
-    for who, lens, first in (("camera", solution.camera, 0), ("projector", solution.projector, LENS)):
+    devices = (("camera", solution.camera, 0), ("projector", solution.projector, LENS))
+    for (who, lens, first), affine in zip(devices, solution.parallel, strict=True):
         here, held = sigma[first : first + LENS], share[first : first + LENS]
         focal = float(max(here[0] / abs(lens[0]), here[1] / abs(lens[1])))
         if focal > WEAK_SHARE:
-            words.append(f"{who}: focal length known to ±{100 * focal:.2g} %")
-        if max(here[2:4]) > WEAK_PX:
+            words.append(f"{who}: {'scale' if affine else 'focal length'} known to ±{100 * focal:.2g} %")
+        if max(here[2:4]) > WEAK_PX and not affine:
             words.append(f"{who}: principal point known to ±{here[2]:.2g}, {here[3]:.2g} px")
         loose = [name for name, part in zip(LENS_NAMES, held, strict=True) if part > HELD]
         if loose:
@@ -93,16 +95,17 @@ def _field(
     solution: Solution, reference: int, sizes: Sizes, covariance: Floats, box: tuple[Floats, Floats]
 ) -> dict[str, float]:
     """What the covariance does to a height map of the reference plane, and a little above and below it."""
-    camera, projector = lens_of(solution.camera, sizes[0]), lens_of(solution.projector, sizes[1])
+    camera = lens_of(solution.camera, sizes[0], solution.parallel[0])
+    projector = lens_of(solution.projector, sizes[1], solution.parallel[1])
     frame = _frame(solution, reference)
     columns, rows = (np.linspace(box[0][axis], box[1][axis], POINTS[axis]) for axis in (0, 1))
     pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
-    level = _on_plane(camera, frame, pixels, 0.0)
+    level = on_plane(camera, frame, pixels)
     R, t = rotation(solution.turn), solution.shift
     lit = project(projector, level @ R.T + t)
     both = ((lit >= 0) & (lit <= np.array(sizes[1]) - 1)).all(axis=1)
     pixels = pixels[both] if both.sum() >= 12 else pixels
-    level = _on_plane(camera, frame, pixels, 0.0) @ frame[:, :3].T + frame[:, 3]
+    level = on_plane(camera, frame, pixels) @ frame[:, :3].T + frame[:, 3]
     height = DEPTH * float(np.ptp(level[:, 0]))
     slopes = [_site_slopes(solution, reference, camera, frame, pixels, z) for z in (0.0, height, -height)]
     x, y = (level[:, :2] - level[:, :2].mean(axis=0)).T
@@ -127,11 +130,11 @@ def _site_slopes(
     solution: Solution, reference: int, camera: Lens, frame: Floats, pixels: Floats, height: float
 ) -> Floats:
     """Derivatives (n, 3, parameter) of points in the site frame by all parameters, what both devices see held."""
-    points = _on_plane(camera, frame, pixels, height)
+    points = on_plane(camera, frame, pixels, height)
     R = rotation(solution.turn)
     turned = np.einsum("ij,nj->ni", R, points)
-    seen_lens, seen = view_slopes(solution.camera, points)
-    lit_lens, lit = view_slopes(solution.projector, turned + solution.shift)
+    seen_lens, seen = view_slopes(solution.camera, points, solution.parallel[0])
+    lit_lens, lit = view_slopes(solution.projector, turned + solution.shift, solution.parallel[1])
     total = len(solution.packed())
     by = np.zeros((len(points), 4, total))
     by[:, :2, :LENS], by[:, 2:, LENS : 2 * LENS] = seen_lens, lit_lens
@@ -153,9 +156,10 @@ def _site_slopes(
         ahead, behind = packed.copy(), packed.copy()
         ahead[k] += step
         behind[k] -= step
-        change = (_frame(Solution.unpacked(ahead), reference) - _frame(Solution.unpacked(behind), reference)) / (
-            2 * step
-        )
+        change = (
+            _frame(Solution.unpacked(ahead, solution.parallel), reference)
+            - _frame(Solution.unpacked(behind, solution.parallel), reference)
+        ) / (2 * step)
         slopes[:, :, k] += points @ change[:, :3].T + change[:, 3]
     return slopes
 
@@ -163,11 +167,3 @@ def _site_slopes(
 def _frame(solution: Solution, reference: int) -> Floats:
     normal, point = rotation(solution.pose_turns[reference])[:, 2], solution.pose_shifts[reference]
     return site_frame(normal, point, bool(solution.camera[0] < 0))
-
-
-def _on_plane(camera: Lens, frame: Floats, pixels: Floats, height: float) -> Floats:
-    """Points (n, 3), camera frame, where the camera's rays meet the plane at this height."""
-    ray = np.concatenate([undistort(camera, pixels), np.ones((len(pixels), 1))], axis=1)
-    up = frame[2]
-    points: Floats = ray * ((height - up[3]) / (ray @ up[:3]))[:, None]
-    return points

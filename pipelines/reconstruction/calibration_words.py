@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .rig_model import BoardCheck, Calibration
+from .rig_model import BoardCheck, Calibration, Lens
 
 __all__ = ["calibration_verdict", "describe_calibration", "rms_verdict"]
 
@@ -31,6 +31,7 @@ def calibration_verdict(calibration: Calibration) -> list[str]:
             f"{found - kept} of {found} corners lie many standard deviations off and were left out, "
             f"most in {worst.name}: is the board flat, clean and free of glare?"
         )
+    lines += calibration.notes
     if calibration.squares and not calibration.held_out:
         lines.append("no held-out check: it takes 4 poses, each measured by the others; take one or two more")
     return lines
@@ -54,6 +55,9 @@ def describe_calibration(calibration: Calibration) -> list[str]:
         lines += ["", f"each board measured in 3D {how}:", f"{'pose':{width}}  flat to um  square mm  its sd um"]
         lines += [_check_line(check, width) for check in checks]
         lines.append("")
+    affine = [who for who, lens in _lenses(calibration) if lens.parallel]
+    if affine:
+        lines.append(f"telecentric (affine): {' and '.join(affine)}; a pinhole explains the corners no better")
     if calibration.camera.mirrored or calibration.projector.mirrored:
         lines.append(_mirrors(calibration))
     if calibration.sigma:
@@ -67,6 +71,10 @@ def describe_calibration(calibration: Calibration) -> list[str]:
     rms = calibration.rms_px
     lines.append(f"camera rms {rms['camera']:.3f} px, projector rms {rms['projector']:.3f} px")
     return lines + calibration_verdict(calibration)
+
+
+def _lenses(calibration: Calibration) -> tuple[tuple[str, Lens], ...]:
+    return ("camera", calibration.camera), ("projector", calibration.projector)
 
 
 def _two(value: float) -> str:

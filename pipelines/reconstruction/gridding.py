@@ -11,9 +11,10 @@ from ..instant import Instant
 from ..scan import Scan
 from .clean import background_border, remove_lone
 from .grid_kernels import STEEPEST, bridge, fill, lay
-from .pinhole import Floats, project, undistort
+from .pinhole import Floats, project
 from .pixel_maps import PointMap
 from .rig_model import Calibration
+from .sight import in_front, on_plane
 from .slabs import in_slabs
 from .triangulate import bow_mm
 
@@ -53,7 +54,7 @@ def footprint_grid(calibration: Calibration, pitch_mm: float | None = None) -> G
     lit = points @ calibration.R.T + calibration.t_mm
     where = project(calibration.projector, lit)
     wide, high = calibration.projector.size
-    inside = (lit[..., 2] > 0) & (points[..., 2] > 0)
+    inside = in_front(calibration.projector, lit) & in_front(calibration.camera, points)
     inside &= (where[..., 0] >= -0.5) & (where[..., 0] <= wide - 0.5)
     inside &= (where[..., 1] >= -0.5) & (where[..., 1] <= high - 0.5)
     if not inside.any():
@@ -165,15 +166,12 @@ def _stripe_px(points: PointMap) -> float:
 
 def _field_mm(calibration: Calibration) -> float:
     """Shorter side of what the camera sees of the reference plane."""
-    distance = abs(calibration.reference[2, 3] / calibration.reference[2, 2])
-    sides = (side / calibration.camera.K[n, n] for n, side in enumerate(calibration.camera.size))
-    return float(distance * min(sides))
+    columns, rows = calibration.camera.size
+    edges = np.array([[0, rows / 2], [columns, rows / 2], [columns / 2, 0], [columns / 2, rows]])
+    left, right, top, bottom = on_plane(calibration.camera, calibration.reference, edges)
+    return float(min(np.linalg.norm(right - left), np.linalg.norm(bottom - top)))
 
 
 def _on_reference(calibration: Calibration, pixels: Floats) -> Floats:
     """Points of the reference plane (camera frame, mm) that camera pixels see."""
-    flat = undistort(calibration.camera, pixels)
-    rays = np.concatenate([flat, np.ones((*flat.shape[:-1], 1))], axis=-1)
-    normal, offset = calibration.reference[2, :3], calibration.reference[2, 3]
-    points: Floats = rays * (-offset / (rays @ normal))[..., None]
-    return points
+    return on_plane(calibration.camera, calibration.reference, pixels)

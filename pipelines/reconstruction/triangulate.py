@@ -14,6 +14,7 @@ from .pinhole import undistort
 from .pixel_maps import Decoded, PointMap
 from .rig_model import Calibration
 from .slabs import in_slabs
+from .triangulate_parallel import triangulate_parallel
 
 __all__ = ["bow_mm", "triangulate"]
 
@@ -66,6 +67,8 @@ def triangulate(decoded: Decoded, calibration: Calibration) -> PointMap:
             f"images of {decoded.column.shape[1]}x{decoded.column.shape[0]}, but the calibration is for "
             f"{columns}x{rows}: use the camera settings of the calibration, or calibrate again"
         )
+    if calibration.camera.parallel or calibration.projector.parallel:
+        return triangulate_parallel(decoded, calibration)
     tables = _tables(calibration)
     xyz = np.empty((rows, columns, 3), np.float32)
     sigma_z = np.empty((rows, columns), np.float32)
