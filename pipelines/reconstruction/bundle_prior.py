@@ -31,7 +31,7 @@ class Prior:
         for lens, size, loose in zip(lenses, sizes, shifts, strict=True):
             aims.append([(size[0] - 1) / 2, (size[1] - 1) / 2, 0, 0, 0, 0])
             r = np.hypot(size[0] / 2 / abs(lens[0]), size[1] / 2 / abs(lens[1]))
-            spreads.append([loose * size[0], loose * size[1], 0.05 / r**2, 0.02 / r**4, 0.005 / r, 0.005 / r])
+            spreads.append([loose * size[0], loose * size[1], 0.03 / r**2, 0.005 / r**4, 0.003 / r, 0.003 / r])
         self.aim, self.spread = np.array(aims, dtype=np.float64), np.array(spreads)
         self.square = shifts[0] <= CAMERA_SHIFT  # a camera's pixels are square
         self.still = list(still)

@@ -19,6 +19,7 @@ __all__ = ["parameter_sigma"]
 
 LENS_NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")
 POINTS = (12, 9)  # of the field, where heights are asked for
+BEYOND = 2.0  # where the projector does not reach nothing is measured: no more than this many times the worst elsewhere
 DEPTH = 0.05  # heights above the reference plane that tell the scale, in field widths
 HELD = 0.5  # a parameter that the corners leave this much of its assumed variance is held by the assumption
 WEAK_PX, WEAK_SHARE = 3.0, 0.003  # a principal point or focal length that is less sure than this is named
@@ -49,7 +50,8 @@ def parameter_sigma(here: Fit, reference: int, sizes: Sizes, names: Sequence[str
         ``poses``: name, ``turn_deg``, ``t_mm`` of each board. ``weak``: what the corners leave open, in words.
         ``field``: ``height_scale_percent``, ``lateral_scale_percent`` and ``bow_um``, the root mean square of what is
         left of a plane's height error once offset and tilt are taken out, within the box of the image that corners
-        covered; ``bow_image_um`` is the same over the whole image, extrapolated. Standard uncertainties.
+        covered; ``bow_image_um`` is the same over the whole image, extrapolated, and ``map_um`` (rows, columns) tells
+        it at nodes from the first to the last pixel of both axes. Standard uncertainties.
     """
     normal, variance, held = information(here.corners, here.solution, sizes, here.noise_px)
     scale = 1 / np.sqrt(np.diag(normal))
@@ -71,7 +73,7 @@ def parameter_sigma(here: Fit, reference: int, sizes: Sizes, names: Sequence[str
             for name, six in zip(names, poses, strict=True)
         ],
         "weak": _weak(here.solution, sigma, held * sigma**2 / variance),
-        "field": {**field, "bow_image_um": image["bow_um"]},
+        "field": {**field, "bow_image_um": image["bow_um"], "map_um": image["map_um"]},
     }
 
 
@@ -93,36 +95,41 @@ def _weak(solution: Solution, sigma: Floats, share: Floats) -> list[str]:
 
 def _field(
     solution: Solution, reference: int, sizes: Sizes, covariance: Floats, box: tuple[Floats, Floats]
-) -> dict[str, float]:
+) -> dict[str, Any]:
     """What the covariance does to a height map of the reference plane, and a little above and below it."""
     camera = lens_of(solution.camera, sizes[0], solution.parallel[0])
     projector = lens_of(solution.projector, sizes[1], solution.parallel[1])
     frame = _frame(solution, reference)
     columns, rows = (np.linspace(box[0][axis], box[1][axis], POINTS[axis]) for axis in (0, 1))
-    pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
-    level = on_plane(camera, frame, pixels)
+    nodes = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
+    level = on_plane(camera, frame, nodes)
     R, t = rotation(solution.turn), solution.shift
     lit = project(projector, level @ R.T + t)
     both = ((lit >= 0) & (lit <= np.array(sizes[1]) - 1)).all(axis=1)
-    pixels = pixels[both] if both.sum() >= 12 else pixels
-    level = on_plane(camera, frame, pixels) @ frame[:, :3].T + frame[:, 3]
-    height = DEPTH * float(np.ptp(level[:, 0]))
-    slopes = [_site_slopes(solution, reference, camera, frame, pixels, z) for z in (0.0, height, -height)]
-    x, y = (level[:, :2] - level[:, :2].mean(axis=0)).T
-    plane = np.stack([np.ones_like(x), x, y], axis=1)
-    flat = slopes[0][:, 2]
-    bow = flat - plane @ np.linalg.lstsq(plane, flat, rcond=None)[0]
+    both = both if both.sum() >= 12 else np.ones(len(nodes), dtype=bool)
+    pixels = nodes[both]
+    level = level @ frame[:, :3].T + frame[:, 3]
+    height = DEPTH * float(np.ptp(level[both, 0]))
+    slopes = [_site_slopes(solution, reference, camera, frame, pixels, z) for z in (height, -height)]
+    everywhere = _site_slopes(solution, reference, camera, frame, nodes, 0.0)
+    slopes = [everywhere[both], *slopes]
+    middle = level[both, :2].mean(axis=0)
+    x, y = (level[both, :2] - middle).T
+    plane = np.stack([np.ones(len(nodes)), *(level[:, :2] - middle).T], axis=1)
+    bow = everywhere[:, 2] - plane @ np.linalg.lstsq(plane[both], everywhere[both, 2], rcond=None)[0]
     rise = (slopes[1][:, 2] - slopes[2][:, 2]).mean(axis=0) / (2 * height)
     wide = (x[:, None] * slopes[0][:, 0] + y[:, None] * slopes[0][:, 1]).sum(axis=0) / (x * x + y * y).sum()
 
     def spread(linear: Floats) -> float:
         return math.sqrt(max(float(linear @ covariance @ linear), 0.0))
 
-    variance = np.einsum("ni,ij,nj->n", bow, covariance, bow)
+    variance = np.maximum(np.einsum("ni,ij,nj->n", bow, covariance, bow), 0.0)
+    known = np.minimum(variance, BEYOND**2 * variance[both].max())
     return {
         "height_scale_percent": 100 * spread(rise),
         "lateral_scale_percent": 100 * spread(wide),
-        "bow_um": 1000 * float(np.sqrt(variance.mean())),
+        "bow_um": 1000 * float(np.sqrt(variance[both].mean())),
+        "map_um": [[float(f"{1000 * v:.3g}") for v in row] for row in np.sqrt(known).reshape(POINTS[1], POINTS[0])],
     }
 
 

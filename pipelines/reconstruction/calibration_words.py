@@ -61,7 +61,7 @@ def describe_calibration(calibration: Calibration) -> list[str]:
     if calibration.camera.mirrored or calibration.projector.mirrored:
         lines.append(_mirrors(calibration))
     if calibration.sigma:
-        field = {name: _two(value) for name, value in calibration.sigma["field"].items()}
+        field = {name: _two(value) for name, value in calibration.sigma["field"].items() if name != "map_um"}
         lines += [f"{words} (no harm to heights beyond the next line)" for words in calibration.sigma["weak"]]
         lines.append(
             f"calibration's part in heights: scale ±{field['height_scale_percent']} %, bow "

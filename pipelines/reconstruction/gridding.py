@@ -11,12 +11,12 @@ from ..instant import Instant
 from ..scan import Scan
 from .clean import background_border, remove_lone
 from .grid_kernels import STEEPEST, bridge, fill, lay
+from .height_doubt import doubt_of_cells, narrowed
 from .pinhole import Floats, project
 from .pixel_maps import PointMap
 from .rig_model import Calibration
 from .sight import in_front, on_plane
 from .slabs import in_slabs
-from .triangulate import bow_mm
 
 __all__ = ["footprint_grid", "to_scan"]
 
@@ -129,6 +129,7 @@ def to_scan(
     offset, slope = np.empty((*pixels, 2), np.int8), np.empty((*pixels, 2), np.int16)
     reach = np.empty((len(keep), 2), np.int32)
     reference = np.ascontiguousarray(calibration.reference)
+    own = narrowed(points, calibration)
     place = (grid.x0_mm, grid.y0_mm, grid.pitch_mm)
 
     in_slabs(
@@ -140,12 +141,13 @@ def to_scan(
     in_slabs(
         grid.rows,
         lambda first, last: fill(
-            cell, above, offset, slope, reach, points.sigma_z, points.texture, points.level,
-            steepest, grid.pitch_mm, shared, bow_mm(calibration), raw, sigma, texture, level, first, last,
+            cell, above, offset, slope, reach, own.sigma_z, points.texture, points.level,
+            steepest, grid.pitch_mm, shared, raw, sigma, texture, level, first, last,
         ),
         step=BAND,
     )  # fmt: skip
     in_slabs(grid.rows, lambda first, last: bridge(raw, height, sigma, texture, level, steepest, first, last))
+    doubt_of_cells(sigma, grid, calibration)
     return Scan(grid, time, height, sigma, texture, level, calibration.id)
 
 

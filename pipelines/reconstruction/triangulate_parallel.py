@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..scan import LEVEL_NONE
+from .height_doubt import with_doubt
 from .pinhole import undistort
 from .pixel_maps import Decoded, PointMap
 from .rig_model import Calibration, Lens
@@ -80,7 +81,7 @@ def triangulate_parallel(decoded: Decoded, calibration: Calibration) -> PointMap
         )
 
     in_slabs(rows, slab)
-    return PointMap(xyz, sigma_z, projector, level, decoded.texture)
+    return with_doubt(PointMap(xyz, sigma_z, projector, level, decoded.texture), calibration)
 
 
 def _tables(calibration: Calibration) -> tuple[Table, Table]:

@@ -25,9 +25,9 @@ from pipelines.reconstruction import (
     triangulate,
 )
 from pipelines.reconstruction.calibration import Mirrored, find_corners
+from pipelines.reconstruction.height_doubt import narrowed
 from pipelines.reconstruction.pinhole import undistort
 from pipelines.reconstruction.projector_corners import CornerMethod, inside, lattice_of, outline
-from pipelines.reconstruction.triangulate import bow_mm
 from storage import read_capture, read_patterns
 
 pytestmark = pytest.mark.xdist_group("known-captures")  # they share what takes seconds to decode
@@ -90,7 +90,7 @@ def test_real_board(real: list[Decoded], method: CornerMethod) -> None:
         rows, columns = rows[on_board][::7], columns[on_board][::7]
         distance = off_plane(points.xyz[rows, columns].astype(np.float64))
         # one board is too small to show how far the calibration bends the whole field: that part aside
-        decoding = np.sqrt(np.maximum(points.sigma_z[rows, columns] ** 2 - bow_mm(rig) ** 2, 0))
+        decoding = narrowed(points, rig).sigma_z[rows, columns]
         sd, said = robust_sd(distance), float(np.median(decoding))
         print(f"  plane sd {sd:.3f} mm, sigma_z says {said:.3f} mm, over {on_board.sum()} pixels")
         assert sd < 1.5
