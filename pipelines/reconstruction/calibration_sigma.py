@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from .rig_model import Lens
 from .sight import on_plane
 from .site_frame import lens_of, site_frame
 
-__all__ = ["parameter_sigma"]
+__all__ = ["parameter_sigma", "require_determined"]
 
 LENS_NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2")
 POINTS = (12, 9)  # of the field, where heights are asked for
@@ -23,6 +23,9 @@ BEYOND = 2.0  # where the projector does not reach nothing is measured: no more 
 DEPTH = 0.05  # heights above the reference plane that tell the scale, in field widths
 HELD = 0.5  # a parameter that the corners leave this much of its assumed variance is held by the assumption
 WEAK_PX, WEAK_SHARE = 3.0, 0.003  # a principal point or focal length that is less sure than this is named
+
+ROUNDING = 1e-15  # of the scaled normal equations: smaller eigenvalues are nothing
+LOOSEST = 2.0  # per cent: a scale of heights or lengths that is less sure is not determined
 
 Sizes = tuple[tuple[int, int], tuple[int, int]]
 
@@ -55,7 +58,10 @@ def parameter_sigma(here: Fit, reference: int, sizes: Sizes, names: Sequence[str
     """
     normal, variance, held = information(here.corners, here.solution, sizes, here.noise_px)
     scale = 1 / np.sqrt(np.diag(normal))
-    covariance = np.linalg.inv(normal * np.outer(scale, scale)) * np.outer(scale, scale) * variance
+    # Where the corners leave a direction wholly open its eigenvalue is rounding: that is as good as nothing.
+    values, axes = np.linalg.eigh(normal * np.outer(scale, scale))
+    open_ways = (axes / np.maximum(values, ROUNDING)) @ axes.T
+    covariance = open_ways * np.outer(scale, scale) * variance
     sigma = np.sqrt(np.diag(covariance))
     rig, poses = sigma[: 2 * LENS + 6], sigma[2 * LENS + 6 :].reshape(-1, 6)
     by_name = [{name: float(v) for name, v in zip(LENS_NAMES, rig[k : k + LENS], strict=True)} for k in (0, LENS)]
@@ -75,6 +81,32 @@ def parameter_sigma(here: Fit, reference: int, sizes: Sizes, names: Sequence[str
         "weak": _weak(here.solution, sigma, held * sigma**2 / variance),
         "field": {**field, "bow_image_um": image["bow_um"], "map_um": image["map_um"]},
     }
+
+
+def require_determined(sigma: Mapping[str, Any], solution: Solution) -> None:
+    """Refuse a calibration whose corners leave the scale open, however well it fits them.
+
+    Raises
+    ------
+    ValueError
+        One line: what is open, how the boards were tilted, and what to do.
+    """
+    field = sigma["field"]
+    for what, key in (("heights", "height_scale_percent"), ("lengths", "lateral_scale_percent")):
+        loose = field[key]
+        if not loose < LOOSEST:
+            amount = f"±{loose:.2g} %" if loose < 100 else "less than their own size"
+            raise ValueError(
+                f"these poses do not determine the rig: the scale of {what} is known to {amount} only "
+                f"(the boards' tilts differ by {_tilt_range(solution):.0f} degrees at most): "
+                "tilt the board by 10 to 25 degrees to all sides"
+            )
+
+
+def _tilt_range(solution: Solution) -> float:
+    """Largest angle between two boards, degrees."""
+    normals = np.array([rotation(turn)[:, 2] for turn in solution.pose_turns])
+    return float(np.degrees(np.arccos(np.clip(normals @ normals.T, -1, 1))).max())
 
 
 def _weak(solution: Solution, sigma: Floats, share: Floats) -> list[str]:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from .bundle import Corners, Solution, adjust, lens_residuals, rms_px
 from .lens_choice import first_fit
 from .pinhole import Floats, finite
+from .pose_spread import copies
 from .stereo_start import PoseCorners, flat
 
 __all__ = ["MIN_POSES", "Fit", "fit", "without"]
@@ -46,8 +47,12 @@ class Fit:
     notes: tuple[str, ...] = ()
 
 
-def fit(poses: Sequence[PoseCorners], sizes: Sizes, mirrors: Sequence[str], side: str = "auto") -> Fit:
-    """Fit the poses, without outlying corners, and without a pose that fits none of the others.
+def fit(
+    poses: Sequence[PoseCorners], sizes: Sizes, mirrors: Sequence[str], side: str = "auto", reference: int = 0
+) -> Fit:
+    """Fit the poses, without outlying corners, copies of a pose, and a pose that fits none of the others.
+
+    `reference` is a pose that is not to be left out for a copy of it.
 
     Raises
     ------
@@ -60,6 +65,7 @@ def fit(poses: Sequence[PoseCorners], sizes: Sizes, mirrors: Sequence[str], side
         for n, pose in enumerate(poses)
         if pose.agreeing < AGREEING
     }
+    bad |= _repeated(poses, bad, reference)
     _enough(poses, bad)
     here = _fit(poses, sizes, mirrors, bad, side)
     while (suspects := _suspects(here)) and len(here.poses) > MIN_POSES:
@@ -87,6 +93,28 @@ def fit(poses: Sequence[PoseCorners], sizes: Sizes, mirrors: Sequence[str], side
             "few to do without it: capture it again, or give more poses"
         )
     return here
+
+
+def _repeated(poses: Sequence[PoseCorners], bad: dict[int, str], reference: int) -> dict[int, str]:
+    """Copies of poses, and why they do not count.
+
+    Raises
+    ------
+    ValueError
+        If too few differ.
+    """
+    twins = {n: m for n, m in copies(poses, reference).items() if n not in bad}
+    distinct = len(poses) - len(bad) - len(twins)
+    if twins and distinct < MIN_POSES:
+        names = ", ".join(f"{poses[n].name} as in {poses[m].name}" for n, m in twins.items())
+        raise ValueError(
+            f"{distinct} of {len(poses)} poses differ, at least {MIN_POSES} must: the board stands in {names}: "
+            "capture it at other tilts, 10 to 25 degrees to all sides, and in other places"
+        )
+    return {
+        n: f"the board stands where it does in {poses[m].name}, so it tells nothing new: tilt it another way"
+        for n, m in twins.items()
+    }
 
 
 def without(here: Fit, place: int, sizes: Sizes) -> Solution:

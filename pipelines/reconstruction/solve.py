@@ -11,7 +11,7 @@ from .affine_start import parallel_tilts
 from .board import Board, CharucoBoard
 from .board_check import check_board, corner_points, held_out
 from .bundle import Solution, lens_residuals, rms_px
-from .calibration_sigma import parameter_sigma
+from .calibration_sigma import parameter_sigma, require_determined
 from .corner_evidence import Fit, fit
 from .pinhole import Floats, finite, fit_homography, plane_pose, project, rotation, undistort
 from .rig_model import Calibration, CornerResidual, PoseResidual
@@ -43,10 +43,12 @@ def solve(
         mirrors = ("none", "camera")
     else:
         mirrors = ("camera", "both") if flipped else ("none", "projector")
-    here = fit(poses, sizes, mirrors, side)
+    here = fit(poses, sizes, mirrors, side, reference)
     if reference in here.bad:
         raise ValueError(f"{poses[reference].name}: {here.bad[reference]} (heights are to count from its board)")
     rig = _rig(here, here.solution, here.poses.index(reference), sizes)
+    sigma = parameter_sigma(here, here.poses.index(reference), sizes, [poses[n].name for n in here.poses])
+    require_determined(sigma, here.solution)
     total = rms_px(here.solution, here.corners, here.corners.use)
     kept = [poses[n] for n in here.poses]
     use = [here.corners.use[here.corners.pose == place] for place in range(len(kept))]
@@ -58,7 +60,7 @@ def solve(
         ),
         board=board.as_mapping(),
         software=software,
-        sigma=parameter_sigma(here, here.poses.index(reference), sizes, [pose.name for pose in kept]),
+        sigma=sigma,
         squares=tuple(check_board(rig, pose, board.square_mm, mine) for pose, mine in zip(kept, use, strict=True)),
         notes=here.notes,
         held_out=held_out(here, kept, board.square_mm, lambda solution: _rig(here, solution, 0, sizes), sizes),
