@@ -36,6 +36,7 @@ def calibrate(
     patterns: Path | None = None,
     reference: Path | None = None,
     mirrored: Literal["auto", "none", "camera", "projector", "both"] = "auto",
+    projector_side: Literal["auto", "left", "right", "above", "below"] = "auto",
     corners: Literal["plane", "local"] = "plane",
     out: Annotated[Path, Parameter(name=["--out", "-o"])] = Path("calibration.json"),
     report: Path | None = None,
@@ -66,6 +67,9 @@ def calibrate(
         The pose whose board is the plane that heights are measured from; by default the first one.
     mirrored
         Which device's optics mirror, if you know. `auto` finds out whether one of the two does and takes the camera.
+    projector_side
+        Where the projector stands beside the camera, as the camera's image shows it. Only two telecentric lenses need
+        it: their corners cannot tell heights from depths.
     corners
         How decoded pixels are carried to the corners: `plane` uses the whole board, `local` the pixels at each one.
     out
@@ -112,6 +116,7 @@ def calibrate(
             software=f"microrelief {__version__}",
             method=corners,
             mirrored=mirrored,
+            projector_side=projector_side,
         )
     except ValueError as error:
         raise InputError(str(error)) from error

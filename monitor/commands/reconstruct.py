@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -9,7 +10,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from configs import CaptureError, InputError
-from pipelines import Calibration, PointMap, Scan
+from pipelines import Calibration, Frames, PointMap, Scan
 from pipelines import reconstruction as rec
 from storage import read_capture, read_patterns
 
@@ -28,12 +29,13 @@ def reconstruct(
     patterns: Path | None = None,
     pitch_mm: float | None = None,
     keep_background: Annotated[bool, Parameter(negative="")] = False,
+    force: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
     """Turn one capture into a height map.
 
     An .npz holds what was measured per camera pixel, before any clean-up: `xyz` in mm in the camera's frame,
     `sigma_z`, `projector`, `level`. The other formats hold the height map on a grid of the site frame, without
-    background and lone points.
+    background and lone points. A capture that `microrelief run` would reject is refused by the same verdict.
 
     Parameters
     ----------
@@ -49,6 +51,8 @@ def reconstruct(
         Side of a cell; by default about one camera pixel.
     keep_background
         Keep a background that stands well apart.
+    force
+        Go on with a capture that would be refused, and say so.
 
     Example
     -------
@@ -65,6 +69,7 @@ def reconstruct(
         raise InputError(f"--pitch-mm {pitch_mm}: must be a positive number")
     rig = read_calibration(calibration)
     frames = read_capture(capture, read_patterns(patterns) if patterns is not None else None)
+    unfit = _judged(frames, capture, force=force)
     try:
         points = rec.reconstruct(frames, rig)
     except ValueError as error:
@@ -73,6 +78,8 @@ def reconstruct(
         raise CaptureError(
             f"{capture}: not one pixel could be measured: is the exposure right, and are these the right patterns?"
         )
+    if unfit:
+        raise CaptureError(unfit)
     print(_about_points(points))
     if suffix in POINTS:
         from storage import write_points
@@ -92,6 +99,19 @@ def reconstruct(
         print(_about_scan(scan))
         write_height_map(scan, out)
     print(f"wrote {out}")
+
+
+def _judged(frames: Frames, capture: Path, *, force: bool) -> str:
+    """Say on standard error what is wrong with a capture; give the line that refuses it, or nothing."""
+    found = rec.diagnose(frames)
+    advice = [f"{finding.line}: {finding.advice}" for finding in found.findings]
+    if found.verdict == "reject" and not force:
+        return f"{capture}: {advice[0]} (--force reconstructs it all the same)"
+    for line in advice:
+        print(
+            f"{capture}: {'reconstructed by force' if found.verdict == 'reject' else 'note'}: {line}", file=sys.stderr
+        )
+    return ""
 
 
 def read_calibration(file: Path) -> Calibration:

@@ -11,6 +11,7 @@ from .bundle import Solution
 from .corner_evidence import MIN_POSES, Fit, without
 from .pinhole import Floats, finite, undistort
 from .rig_model import BoardCheck, Calibration
+from .sight import projector_rows, sight
 from .stereo_start import PoseCorners
 
 __all__ = ["check_board", "corner_points", "held_out"]
@@ -21,12 +22,13 @@ def corner_points(rig: Calibration, camera: Floats, projector: Floats) -> Floats
 
     The point lies on the camera's ray, where it misses the projector's position least (both axes alike, px).
     """
-    ray = np.concatenate([undistort(rig.camera, camera), np.ones((len(camera), 1))], axis=1)
+    start, ray = sight(rig.camera, camera)
     lit = undistort(rig.projector, projector)
-    d, t = np.einsum("ij,nj->ni", rig.R, ray), rig.t_mm
+    R, shift = projector_rows(rig)
+    d, t = np.einsum("ij,nj->ni", R, ray), np.einsum("ij,nj->ni", R, start) + shift
     focal = np.abs([rig.projector.K[0, 0], rig.projector.K[1, 1]])
-    a, b = focal * (d[:, :2] - lit * d[:, 2:]), focal * (t[:2] - lit * t[2])
-    points: Floats = ray * (-(a * b).sum(axis=1) / (a * a).sum(axis=1))[:, None]
+    a, b = focal * (d[:, :2] - lit * d[:, 2:]), focal * (t[:, :2] - lit * t[:, 2:])
+    points: Floats = start + ray * (-(a * b).sum(axis=1) / (a * a).sum(axis=1))[:, None]
     return points
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from .bundle_prior import CAMERA_SHIFT, PROJECTOR_SHIFT, Prior
 from .pinhole import Array, Floats, distort, rotation
 
 __all__ = [
@@ -18,12 +19,11 @@ __all__ = [
     "information",
     "lens_residuals",
     "rms_px",
+    "robust_cost",
     "view_slopes",
 ]
 
 LENS = 8  # fx fy cx cy k1 k2 p1 p2; k3 stays 0: it overfits
-CAMERA_SHIFT, PROJECTOR_SHIFT = 0.05, 0.5  # principal point off the centre, in image widths: projectors shift theirs
-SQUARE = 0.01  # camera pixels are square to this
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +43,12 @@ class Corners:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solution:
-    """Both lenses (8,) each, camera to projector, board to camera per pose (rotation vectors and mm)."""
+    """Both lenses (8,) each, camera to projector, board to camera per pose (rotation vectors and mm).
+
+    `parallel` says which lenses are affine (camera, projector): the same eight numbers, with the point's own x and y in
+    the place of x/z and y/z, so fx and fy are px per mm. Such a lens knows no distance; where it is counted from is
+    held by a prior (`bundle_prior`).
+    """
 
     camera: Floats
     projector: Floats
@@ -51,6 +56,7 @@ class Solution:
     shift: Floats
     pose_turns: Floats
     pose_shifts: Floats
+    parallel: tuple[bool, bool] = (False, False)
 
     def packed(self) -> Floats:
         """One vector: lenses, stereo, then six numbers per pose."""
@@ -58,12 +64,12 @@ class Solution:
         return np.concatenate([self.camera, self.projector, self.turn, self.shift, poses])
 
     @staticmethod
-    def unpacked(vector: Floats) -> Solution:
+    def unpacked(vector: Floats, parallel: tuple[bool, bool] = (False, False)) -> Solution:
         """Read `packed` back."""
         poses = vector[2 * LENS + 6 :].reshape(-1, 6)
         a, b = vector[:LENS], vector[LENS : 2 * LENS]
         c, d = vector[2 * LENS : 2 * LENS + 3], vector[2 * LENS + 3 : 2 * LENS + 6]
-        return Solution(a, b, c, d, poses[:, :3], poses[:, 3:])
+        return Solution(a, b, c, d, poses[:, :3], poses[:, 3:], parallel)
 
 
 def adjust(
@@ -95,8 +101,8 @@ def adjust(
     -------
     Solution
     """
-    prior = _Prior((start.camera, start.projector), sizes, (CAMERA_SHIFT, PROJECTOR_SHIFT))
-    return Solution.unpacked(_minimise(_pair(_used(corners), noise_px), start.packed(), prior, rounds))
+    problem = _pair(_used(corners), noise_px, start.parallel)
+    return Solution.unpacked(_minimise(problem, start.packed(), _prior(start, sizes), rounds), start.parallel)
 
 
 def adjust_lens(
@@ -108,10 +114,12 @@ def adjust_lens(
     size: tuple[int, int],
     noise_px: float = 0.3,
     shift: float = 0.5,
+    parallel: bool = False,
 ) -> tuple[Floats, Floats, float]:
     """Adjust one device alone: lens (8,), poses (pose, 6); gives both refined and the rms in px."""
-    prior = _Prior((lens,), (size,), (shift,))
-    problem = _Problem(pose, board, (_Device(0, None, image, noise_px),), LENS)
+    still = tuple(LENS + 6 * n + 5 for n in range(len(poses))) if parallel else ()
+    prior = Prior((lens,), (size,), (shift,), still)
+    problem = _Problem(pose, board, (_Device(0, None, image, noise_px, parallel),), LENS)
     vector = _minimise(problem, np.concatenate([lens, poses.ravel()]), prior, 60)
     rms = float(np.sqrt(2 * np.mean(problem.errors(vector) ** 2)) * noise_px)
     return vector[:LENS], vector[LENS:].reshape(-1, 6), rms
@@ -134,9 +142,9 @@ def information(
     prior : ndarray of float64, shape (parameter,)
         The part of the diagonal that the priors give.
     """
-    prior = _Prior((solution.camera, solution.projector), sizes, (CAMERA_SHIFT, PROJECTOR_SHIFT))
+    prior = _prior(solution, sizes)
     vector = solution.packed()
-    errors, normal, _ = _pair(_used(corners), noise_px).equations(vector, soft=False)
+    errors, normal, _ = _pair(_used(corners), noise_px, solution.parallel).equations(vector, soft=False)
     J, believed = prior.jacobian(vector), prior.residuals(vector)
     freedom = max(errors.size + len(believed) - len(vector), 1)
     variance = float((errors**2).sum() + (believed**2).sum()) / freedom
@@ -144,7 +152,22 @@ def information(
     return normal + np.einsum("ki,kj->ij", J, J), variance, held
 
 
-def _minimise(problem: _Problem, start: Floats, prior: _Prior, rounds: int) -> Floats:
+def _prior(solution: Solution, sizes: tuple[tuple[int, int], tuple[int, int]]) -> Prior:
+    """Hold one distance per affine lens: of the first board from the camera, and of the camera from the projector."""
+    places = (2 * LENS + 6 + 5, 2 * LENS + 5)
+    still = tuple(place for place, held in zip(places, solution.parallel, strict=True) if held)
+    return Prior((solution.camera, solution.projector), sizes, (CAMERA_SHIFT, PROJECTOR_SHIFT), still)
+
+
+def robust_cost(
+    solution: Solution, corners: Corners, use: npt.NDArray[np.bool_], noise_px: tuple[float, float]
+) -> float:
+    """Sum of Huber's loss over both coordinates in both devices, in squared standard deviations."""
+    problem = _pair(_used(replace(corners, use=use)), noise_px, solution.parallel)
+    return float((_soft(problem.errors(solution.packed())) ** 2).sum())
+
+
+def _minimise(problem: _Problem, start: Floats, prior: Prior, rounds: int) -> Floats:
     """Levenberg and Marquardt's method on the normal equations, scaled by their diagonal (More 1978).
 
     scipy's `least_squares` reaches the same minimum, but spends seconds in singular values of a tall matrix.
@@ -180,7 +203,7 @@ def _minimise(problem: _Problem, start: Floats, prior: _Prior, rounds: int) -> F
 def lens_residuals(solution: Solution, corners: Corners) -> tuple[Floats, Floats]:
     """Reprojection errors (n, 2) in px of camera and projector, of all corners, used or not."""
     everything = replace(corners, use=np.ones(len(corners.pose), dtype=bool))
-    flat = _pair(everything, (1.0, 1.0)).errors(solution.packed())
+    flat = _pair(everything, (1.0, 1.0), solution.parallel).errors(solution.packed())
     return flat[0], flat[1]
 
 
@@ -207,6 +230,7 @@ class _Device:
     stereo: int | None
     image: Floats
     noise_px: float
+    parallel: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -228,7 +252,9 @@ class _Problem:
         if device.stereo is not None:
             turn, shift = np.split(vector[device.stereo : device.stereo + 6], 2)
             points = _turned(rotation(turn), points) + shift
-        result: Floats = (_view(vector[device.lens : device.lens + LENS], points) - device.image) / device.noise_px
+        result: Floats = (
+            _view(vector[device.lens : device.lens + LENS], points, device.parallel) - device.image
+        ) / device.noise_px
         return result
 
     def equations(self, vector: Floats, soft: bool = True) -> tuple[Floats, Floats, Floats]:
@@ -245,12 +271,12 @@ class _Problem:
             J = np.zeros((len(points), 2, self.shared + 6))
             lens = vector[device.lens : device.lens + LENS]
             if device.stereo is None:
-                by_lens, by_point = view_slopes(lens, points)
+                by_lens, by_point = view_slopes(lens, points, device.parallel)
             else:
                 turn, shift = np.split(vector[device.stereo : device.stereo + 6], 2)
                 R = rotation(turn)
                 turned = _turned(R, points)
-                by_lens, by_point = view_slopes(lens, turned + shift)
+                by_lens, by_point = view_slopes(lens, turned + shift, device.parallel)
                 whole = np.zeros(len(points), dtype=np.intp)
                 J[:, :, device.stereo : device.stereo + 3] = by_point @ _turn_slopes(turn[None], whole, turned)
                 J[:, :, device.stereo + 3 : device.stereo + 6] = by_point
@@ -278,9 +304,9 @@ class _Problem:
         return normal, slope
 
 
-def _pair(corners: Corners, noise_px: tuple[float, float]) -> _Problem:
-    camera = _Device(0, None, corners.camera, noise_px[0])
-    projector = _Device(LENS, 2 * LENS, corners.projector, noise_px[1])
+def _pair(corners: Corners, noise_px: tuple[float, float], parallel: tuple[bool, bool] = (False, False)) -> _Problem:
+    camera = _Device(0, None, corners.camera, noise_px[0], parallel[0])
+    projector = _Device(LENS, 2 * LENS, corners.projector, noise_px[1], parallel[1])
     return _Problem(corners.pose, corners.board, (camera, projector), 2 * LENS + 6)
 
 
@@ -290,19 +316,20 @@ def _turned(R: Array, points: Array) -> Array:
     return result
 
 
-def _view(lens: Array, points: Array) -> Array:
+def _view(lens: Array, points: Array, parallel: bool) -> Array:
+    z = np.ones_like(points[:, 2]) if parallel else points[:, 2]
     x, y = distort(
-        points[:, 0] / points[:, 2],
-        points[:, 1] / points[:, 2],
+        points[:, 0] / z,
+        points[:, 1] / z,
         np.concatenate([lens[4:8], np.zeros(1, dtype=lens.dtype)]),
     )
     return np.stack([lens[0] * x + lens[2], lens[1] * y + lens[3]], axis=1)
 
 
-def view_slopes(lens: Floats, points: Floats) -> tuple[Floats, Floats]:
+def view_slopes(lens: Floats, points: Floats, parallel: bool = False) -> tuple[Floats, Floats]:
     """Derivatives of a pixel by the lens (n, 2, 8) and by the point in the device's frame (n, 2, 3)."""
     fx, fy, k1, k2, p1, p2 = lens[0], lens[1], lens[4], lens[5], lens[6], lens[7]
-    z = points[:, 2]
+    z = np.ones_like(points[:, 2]) if parallel else points[:, 2]
     x, y = points[:, 0] / z, points[:, 1] / z
     r2 = x * x + y * y
     radial, rise = 1 + r2 * (k1 + k2 * r2), 2 * (k1 + 2 * k2 * r2)
@@ -324,6 +351,8 @@ def view_slopes(lens: Floats, points: Floats) -> tuple[Floats, Floats]:
         ],
         axis=1,
     )
+    if parallel:
+        by_point[:, :, 2] = 0
     return by_lens, by_point / z[:, None, None]
 
 
@@ -364,31 +393,3 @@ def _soft(data: Floats) -> Floats:
 def _soft_slope(data: Floats) -> Floats:
     size = np.abs(data)
     return np.where(size <= HUBER, 1.0, HUBER / np.sqrt(HUBER * (2 * np.maximum(size, HUBER) - HUBER)))
-
-
-class _Prior:
-    """Weak beliefs about lenses, in standard deviations; the first one is the camera, or a device on its own."""
-
-    def __init__(self, lenses: tuple[Floats, ...], sizes: tuple[tuple[int, int], ...], shifts: tuple[float, ...]):
-        aims, spreads = [], []
-        for lens, size, loose in zip(lenses, sizes, shifts, strict=True):
-            aims.append([(size[0] - 1) / 2, (size[1] - 1) / 2, 0, 0, 0, 0])
-            r = np.hypot(size[0] / 2 / abs(lens[0]), size[1] / 2 / abs(lens[1]))
-            spreads.append([loose * size[0], loose * size[1], 0.05 / r**2, 0.02 / r**4, 0.005 / r, 0.005 / r])
-        self.aim, self.spread = np.array(aims, dtype=np.float64), np.array(spreads)
-        self.square = shifts[0] <= CAMERA_SHIFT  # a camera's pixels are square
-
-    def residuals(self, vector: Floats) -> Floats:
-        count = len(self.aim)
-        lenses = vector[: count * LENS].reshape(count, LENS)
-        parts = ((lenses[:, 2:] - self.aim) / self.spread).ravel()
-        return np.append(parts, np.log(abs(vector[0] / vector[1])) / SQUARE) if self.square else parts
-
-    def jacobian(self, vector: Floats) -> Floats:
-        count = len(self.aim)
-        J = np.zeros((6 * count + self.square, len(vector)))
-        for n in range(count):
-            J[np.arange(6) + 6 * n, np.arange(6) + n * LENS + 2] = 1 / self.spread[n]
-        if self.square:
-            J[-1, 0], J[-1, 1] = 1 / vector[0] / SQUARE, -1 / vector[1] / SQUARE
-        return J

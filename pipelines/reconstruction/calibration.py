@@ -19,9 +19,10 @@ from .solve import solve
 from .stereo_start import PoseCorners
 from .subpixel import locate
 
-__all__ = ["MIN_POSES", "Mirrored", "calibrate", "calibrate_decoded", "find_corners"]
+__all__ = ["MIN_POSES", "Mirrored", "ProjectorSide", "calibrate", "calibrate_decoded", "find_corners"]
 
 Mirrored = Literal["auto", "none", "camera", "projector", "both"]
+ProjectorSide = Literal["auto", "left", "right", "above", "below"]
 
 
 def calibrate(
@@ -32,6 +33,7 @@ def calibrate(
     software: str = "",
     method: CornerMethod = "plane",
     mirrored: Mirrored = "auto",
+    projector_side: ProjectorSide = "auto",
 ) -> Calibration:
     """Calibrate a rig from captures of a chessboard in at least 3 poses.
 
@@ -46,6 +48,7 @@ def calibrate(
         software=software,
         method=method,
         mirrored=mirrored,
+        projector_side=projector_side,
     )
 
 
@@ -58,6 +61,7 @@ def calibrate_decoded(
     software: str = "",
     method: CornerMethod = "plane",
     mirrored: Mirrored = "auto",
+    projector_side: ProjectorSide = "auto",
 ) -> Calibration:
     """Calibrate a rig from decoded captures of a chessboard.
 
@@ -76,6 +80,10 @@ def calibrate_decoded(
     if that is wrong, heights, distances and volumes stay right and the map is seen in a mirror. The markers of a
     ChArUco board read in one way only, so with one both devices are known.
 
+    A lens far away for its field (telecentric, or nearly) is taken to be affine where a pinhole fits no better
+    (`first_fit`). If both are, nothing in the corners tells heights from depths: `projector_side` does, and without it
+    ``notes`` of the calibration say what was assumed.
+
     Parameters
     ----------
     poses : sequence of Decoded
@@ -92,6 +100,8 @@ def calibrate_decoded(
     method : {"plane", "local"}
         How decoded pixels are carried to the corners; see `projector_corners`.
     mirrored : {"auto", "none", "camera", "projector", "both"}
+    projector_side : {"auto", "left", "right", "above", "below"}
+        Where the projector stands, seen in the camera's image; it decides where the corners do not.
 
     Returns
     -------
@@ -132,4 +142,6 @@ def calibrate_decoded(
         one, other = labels[flips.index(True)], labels[flips.index(False)]
         raise ValueError(f"{one} shows the board in a mirror, {other} does not: take all poses with the same optics")
     size = shape[1], shape[0]
-    return solve(seen, size, projector_size, board, reference, software, mirrored, flipped=flips[0])
+    return solve(
+        seen, size, projector_size, board, reference, software, mirrored, flipped=flips[0], side=projector_side
+    )

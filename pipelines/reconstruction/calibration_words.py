@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from .rig_model import BoardCheck, Calibration
+from .pose_spread import covered_share
+from .rig_model import BoardCheck, Calibration, Lens
 
 __all__ = ["calibration_verdict", "describe_calibration", "rms_verdict"]
 
+LOOSE = 0.5  # per cent: a scale of heights that is less sure is told
+COVERED = 0.7  # of the field: less, and the verdict says so
+WORSE = 3.0  # if it also makes heights this many times less sure
 KEPT = 0.95  # of the corners: a calibration that leaves out more deserves a look at the board
 
 
@@ -31,6 +35,11 @@ def calibration_verdict(calibration: Calibration) -> list[str]:
             f"{found - kept} of {found} corners lie many standard deviations off and were left out, "
             f"most in {worst.name}: is the board flat, clean and free of glare?"
         )
+    lines += calibration.notes
+    scale = (calibration.sigma or {}).get("field", {}).get("height_scale_percent", 0.0)
+    if scale > LOOSE:
+        lines.append(f"the scale of heights is known to ±{_two(scale)} % only: tilt the board more, 10 to 25 degrees")
+    lines += _coverage(calibration)
     if calibration.squares and not calibration.held_out:
         lines.append("no held-out check: it takes 4 poses, each measured by the others; take one or two more")
     return lines
@@ -54,10 +63,13 @@ def describe_calibration(calibration: Calibration) -> list[str]:
         lines += ["", f"each board measured in 3D {how}:", f"{'pose':{width}}  flat to um  square mm  its sd um"]
         lines += [_check_line(check, width) for check in checks]
         lines.append("")
+    affine = [who for who, lens in _lenses(calibration) if lens.parallel]
+    if affine:
+        lines.append(f"telecentric (affine): {' and '.join(affine)}; a pinhole explains the corners no better")
     if calibration.camera.mirrored or calibration.projector.mirrored:
         lines.append(_mirrors(calibration))
     if calibration.sigma:
-        field = {name: _two(value) for name, value in calibration.sigma["field"].items()}
+        field = {name: _two(value) for name, value in calibration.sigma["field"].items() if name != "map_um"}
         lines += [f"{words} (no harm to heights beyond the next line)" for words in calibration.sigma["weak"]]
         lines.append(
             f"calibration's part in heights: scale ±{field['height_scale_percent']} %, bow "
@@ -67,6 +79,25 @@ def describe_calibration(calibration: Calibration) -> list[str]:
     rms = calibration.rms_px
     lines.append(f"camera rms {rms['camera']:.3f} px, projector rms {rms['projector']:.3f} px")
     return lines + calibration_verdict(calibration)
+
+
+def _coverage(calibration: Calibration) -> list[str]:
+    """Say so where the boards left much of the field out, and heights there are less sure for it."""
+    covered = covered_share(calibration)
+    if calibration.sigma is None or covered is None or covered >= COVERED:
+        return []
+    field = calibration.sigma["field"]
+    if field["bow_image_um"] < WORSE * field["bow_um"]:
+        return []
+    return [
+        f"the boards cover only {covered:.0%} of the field: heights beyond them are extrapolated, ±"
+        f"{_two(field['bow_image_um'])} um over the whole image against ±{_two(field['bow_um'])} um where they were "
+        "(sigma says so): take poses with the board in every corner of the field, or a larger board"
+    ]
+
+
+def _lenses(calibration: Calibration) -> tuple[tuple[str, Lens], ...]:
+    return ("camera", calibration.camera), ("projector", calibration.projector)
 
 
 def _two(value: float) -> str:

@@ -9,8 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from .bundle import Corners, Solution, adjust, lens_residuals, rms_px
+from .lens_choice import first_fit
 from .pinhole import Floats, finite
-from .stereo_start import PoseCorners, flat, start
+from .pose_spread import copies
+from .stereo_start import PoseCorners, flat
 
 __all__ = ["MIN_POSES", "Fit", "fit", "without"]
 
@@ -34,7 +36,7 @@ class Fit:
     """The bundle of the poses that count.
 
     `poses` gives their numbers, in the order of `corners.pose`; `noise_px` the standard deviation of a corner's
-    coordinate in camera and projector; `bad` says of each pose that was left out why.
+    coordinate in camera and projector; `bad` says of each pose that was left out why; `notes` what had to be assumed.
     """
 
     poses: tuple[int, ...]
@@ -42,10 +44,15 @@ class Fit:
     solution: Solution
     noise_px: tuple[float, float]
     bad: dict[int, str]
+    notes: tuple[str, ...] = ()
 
 
-def fit(poses: Sequence[PoseCorners], sizes: Sizes, mirrors: Sequence[str]) -> Fit:
-    """Fit the poses, without outlying corners, and without a pose that fits none of the others.
+def fit(
+    poses: Sequence[PoseCorners], sizes: Sizes, mirrors: Sequence[str], side: str = "auto", reference: int = 0
+) -> Fit:
+    """Fit the poses, without outlying corners, copies of a pose, and a pose that fits none of the others.
+
+    `reference` is a pose that is not to be left out for a copy of it.
 
     Raises
     ------
@@ -58,14 +65,15 @@ def fit(poses: Sequence[PoseCorners], sizes: Sizes, mirrors: Sequence[str]) -> F
         for n, pose in enumerate(poses)
         if pose.agreeing < AGREEING
     }
+    bad |= _repeated(poses, bad, reference)
     _enough(poses, bad)
-    here = _fit(poses, sizes, mirrors, bad)
+    here = _fit(poses, sizes, mirrors, bad, side)
     while (suspects := _suspects(here)) and len(here.poses) > MIN_POSES:
         whole = rms_px(here.solution, here.corners, finite(here.corners.projector))[2]
         best, best_rms, worst = here, np.inf, -1
         for n in suspects:
             try:
-                other = _fit(poses, sizes, mirrors, {**bad, n: ""})
+                other = _fit(poses, sizes, mirrors, {**bad, n: ""}, side)
             except ValueError:  # without this one there is nothing left to go by
                 continue
             rms = rms_px(other.solution, other.corners, finite(other.corners.projector))[2]
@@ -87,6 +95,28 @@ def fit(poses: Sequence[PoseCorners], sizes: Sizes, mirrors: Sequence[str]) -> F
     return here
 
 
+def _repeated(poses: Sequence[PoseCorners], bad: dict[int, str], reference: int) -> dict[int, str]:
+    """Copies of poses, and why they do not count.
+
+    Raises
+    ------
+    ValueError
+        If too few differ.
+    """
+    twins = {n: m for n, m in copies(poses, reference).items() if n not in bad}
+    distinct = len(poses) - len(bad) - len(twins)
+    if twins and distinct < MIN_POSES:
+        names = ", ".join(f"{poses[n].name} as in {poses[m].name}" for n, m in twins.items())
+        raise ValueError(
+            f"{distinct} of {len(poses)} poses differ, at least {MIN_POSES} must: the board stands in {names}: "
+            "capture it at other tilts, 10 to 25 degrees to all sides, and in other places"
+        )
+    return {
+        n: f"the board stands where it does in {poses[m].name}, so it tells nothing new: tilt it another way"
+        for n, m in twins.items()
+    }
+
+
 def without(here: Fit, place: int, sizes: Sizes) -> Solution:
     """Fit the same corners again without the pose at `place`, from where the whole fit ended."""
     keep = here.corners.pose != place
@@ -99,10 +129,10 @@ def without(here: Fit, place: int, sizes: Sizes) -> Solution:
     return adjust(corners, begin, sizes, here.noise_px)
 
 
-def _fit(poses: Sequence[PoseCorners], sizes: Sizes, mirrors: Sequence[str], bad: dict[int, str]) -> Fit:
+def _fit(poses: Sequence[PoseCorners], sizes: Sizes, mirrors: Sequence[str], bad: dict[int, str], side: str) -> Fit:
     places = tuple(n for n in range(len(poses)) if n not in bad)
     corners = flat([poses[n] for n in places])
-    solution = start(corners, sizes, mirrors)
+    solution, notes = first_fit(corners, sizes, mirrors, side)
     found = finite(corners.projector)
     noise = (0.2, 0.3)
     for _ in range(4):
@@ -113,7 +143,7 @@ def _fit(poses: Sequence[PoseCorners], sizes: Sizes, mirrors: Sequence[str], bad
         use = found & (_far(seen, lit, found) < OUTLIER)
         corners = replace(corners, use=_enough_of_each(use, found, corners.pose))
         solution = adjust(corners, solution, sizes, noise)
-    return Fit(places, corners, solution, noise, dict(bad))
+    return Fit(places, corners, solution, noise, dict(bad), notes)
 
 
 def _far(seen: Floats, lit: Floats, found: npt.NDArray[np.bool_]) -> Floats:

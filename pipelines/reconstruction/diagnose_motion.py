@@ -19,6 +19,8 @@ FEW = 256
 COARSE_PX = 0.7
 """From here on the linear fit falls short and whole shifts are tried."""
 REACH_PX = 6
+CLEAR_PEAK = 8.0
+"""Standard deviations of a correlation: noise alone reaches 4 to 5 in a tile, an image that moved far more."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,6 +122,8 @@ def _whole_shift(still: Floats, moved: Floats) -> Doubles:
     spectra = [np.fft.rfft2((image - image.mean(axis=(1, 2), keepdims=True)) * window) for image in (still, moved)]
     cross = (spectra[1] * np.conj(spectra[0])).sum(axis=0)
     peak = np.fft.irfft2(cross / np.maximum(np.abs(cross), 1e-9), s=still.shape[1:])
+    if peak.max() < CLEAR_PEAK * peak.std():
+        return np.zeros(2)  # no texture: the highest place is noise
     rows, columns = still.shape[1:]
     y, x = np.unravel_index(int(np.argmax(peak)), peak.shape)
     shift = np.array([(x + columns // 2) % columns - columns // 2, (y + rows // 2) % rows - rows // 2], float)

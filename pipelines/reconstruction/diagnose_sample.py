@@ -24,6 +24,7 @@ LIT_SDS = 6 * sqrt(2)
 DIM = 0.1
 """Swing of a lit pixel, as a share of the strongest: less belongs to shadow and background."""
 CLIPPED_BINS = 5
+DRAWN = 8  # different counts in all frames: no more, and a program drew them; a camera's noise and blur make others
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,4 +140,5 @@ def _top(tiles: Floats, greatest: int) -> tuple[float, bool]:
     step = max(1.0, greatest / 255)
     counts, _ = np.histogram(tiles, bins=CLIPPED_BINS, range=(top - CLIPPED_BINS * step, top + 1e-3))
     at_top = int((tiles == top).sum())
-    return top, at_top > 64 and at_top > 4 * counts[:-1].mean() and top > 0.5 * greatest
+    piled = at_top > 64 and at_top > 4 * counts[:-1].mean() and top > 0.5 * greatest
+    return top, piled and len(np.unique(tiles[:, ::7])) > DRAWN

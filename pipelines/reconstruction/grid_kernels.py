@@ -101,7 +101,6 @@ def fill(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     gap,
     pitch,
     shared,
-    bow,
     height,
     sigma,
     texture,
@@ -133,7 +132,7 @@ def fill(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
             two += 1
     if two > 0:
         _choose(cell, above, offset, slope, reach, sigma_z, texture_in, gap, total, count, bright, start, columns)
-    apart, common = np.float32(shared), np.float32(bow * bow)
+    apart = np.float32(shared)
     nan, unit = np.float32(np.nan), np.float32(pitch / (254 * FINE))
     for row in range(first, last):
         for column in range(columns):
@@ -146,8 +145,7 @@ def fill(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
                 moved = (total[n, 2] * total[n, 4] + total[n, 3] * total[n, 5]) * (unit * share * share)
                 height[row, column] = total[n, 1] * share - moved
                 worth = np.float32(1) + (np.sqrt(np.float32(count[n])) - np.float32(1)) / apart
-                own = max(share * np.float32(count[n]) - common, np.float32(0))
-                sigma[row, column] = np.sqrt(own / (worth * worth) + common)
+                sigma[row, column] = np.sqrt(share * np.float32(count[n])) / worth
                 texture[row, column] = bright[n] // count[n]
                 level[row, column] = deepest[n]
 

@@ -11,11 +11,12 @@ from ..instant import Instant
 from ..scan import Scan
 from .clean import background_border, remove_lone
 from .grid_kernels import STEEPEST, bridge, fill, lay
-from .pinhole import Floats, project, undistort
+from .height_doubt import doubt_of_cells, narrowed
+from .pinhole import Floats, project
 from .pixel_maps import PointMap
 from .rig_model import Calibration
+from .sight import in_front, on_plane
 from .slabs import in_slabs
-from .triangulate import bow_mm
 
 __all__ = ["footprint_grid", "on_reference", "to_scan"]
 
@@ -53,7 +54,7 @@ def footprint_grid(calibration: Calibration, pitch_mm: float | None = None) -> G
     lit = points @ calibration.R.T + calibration.t_mm
     where = project(calibration.projector, lit)
     wide, high = calibration.projector.size
-    inside = (lit[..., 2] > 0) & (points[..., 2] > 0)
+    inside = in_front(calibration.projector, lit) & in_front(calibration.camera, points)
     inside &= (where[..., 0] >= -0.5) & (where[..., 0] <= wide - 0.5)
     inside &= (where[..., 1] >= -0.5) & (where[..., 1] <= high - 0.5)
     if not inside.any():
@@ -128,6 +129,7 @@ def to_scan(
     offset, slope = np.empty((*pixels, 2), np.int8), np.empty((*pixels, 2), np.int16)
     reach = np.empty((len(keep), 2), np.int32)
     reference = np.ascontiguousarray(calibration.reference)
+    own = narrowed(points, calibration)
     place = (grid.x0_mm, grid.y0_mm, grid.pitch_mm)
 
     in_slabs(
@@ -139,12 +141,13 @@ def to_scan(
     in_slabs(
         grid.rows,
         lambda first, last: fill(
-            cell, above, offset, slope, reach, points.sigma_z, points.texture, points.level,
-            steepest, grid.pitch_mm, shared, bow_mm(calibration), raw, sigma, texture, level, first, last,
+            cell, above, offset, slope, reach, own.sigma_z, points.texture, points.level,
+            steepest, grid.pitch_mm, shared, raw, sigma, texture, level, first, last,
         ),
         step=BAND,
     )  # fmt: skip
     in_slabs(grid.rows, lambda first, last: bridge(raw, height, sigma, texture, level, steepest, first, last))
+    doubt_of_cells(sigma, grid, calibration)
     return Scan(grid, time, height, sigma, texture, level, calibration.id)
 
 
@@ -165,15 +168,12 @@ def _stripe_px(points: PointMap) -> float:
 
 def _field_mm(calibration: Calibration) -> float:
     """Shorter side of what the camera sees of the reference plane."""
-    distance = abs(calibration.reference[2, 3] / calibration.reference[2, 2])
-    sides = (side / calibration.camera.K[n, n] for n, side in enumerate(calibration.camera.size))
-    return float(distance * min(sides))
+    columns, rows = calibration.camera.size
+    edges = np.array([[0, rows / 2], [columns, rows / 2], [columns / 2, 0], [columns / 2, rows]])
+    left, right, top, bottom = on_plane(calibration.camera, calibration.reference, edges)
+    return float(min(np.linalg.norm(right - left), np.linalg.norm(bottom - top)))
 
 
 def on_reference(calibration: Calibration, pixels: Floats) -> Floats:
     """Points of the reference plane (camera frame, mm) that camera pixels see."""
-    flat = undistort(calibration.camera, pixels)
-    rays = np.concatenate([flat, np.ones((*flat.shape[:-1], 1))], axis=-1)
-    normal, offset = calibration.reference[2, :3], calibration.reference[2, 3]
-    points: Floats = rays * (-offset / (rays @ normal))[..., None]
-    return points
+    return on_plane(calibration.camera, calibration.reference, pixels)

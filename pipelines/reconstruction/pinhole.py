@@ -60,13 +60,17 @@ def distort(x: Array, y: Array, dist: Array) -> tuple[Array, Array]:
 
 def project(lens: Lens, points: Floats) -> Floats:
     """Project points (..., 3) of the device's frame to pixels (..., 2)."""
-    x, y = distort(points[..., 0] / points[..., 2], points[..., 1] / points[..., 2], lens.dist)
+    z = np.ones_like(points[..., 2]) if lens.parallel else points[..., 2]
+    x, y = distort(points[..., 0] / z, points[..., 1] / z, lens.dist)
     K = lens.K
     return np.stack([K[0, 0] * x + K[0, 1] * y + K[0, 2], K[1, 1] * y + K[1, 2]], axis=-1)
 
 
 def undistort(lens: Lens, pixels: Floats, rounds: int = 20) -> Floats:
-    """Normalised, undistorted coordinates (..., 2) of pixels (..., 2), by Newton's method on `distort`."""
+    """Undistorted coordinates (..., 2) of pixels (..., 2), by Newton's method on `distort`: x/z and y/z, or mm.
+
+    They are those of the ray in the plane z = 1: mm for an affine lens, whose rays all run along z.
+    """
     K = lens.K
     yd = (pixels[..., 1] - K[1, 2]) / K[1, 1]
     xd = (pixels[..., 0] - K[0, 2] - K[0, 1] * yd) / K[0, 0]

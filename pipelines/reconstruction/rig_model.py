@@ -7,7 +7,7 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -19,25 +19,35 @@ Matrix = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lens:
-    """A pinhole with Brown's distortion (OpenCV's model).
+    """A pinhole with Brown's distortion (OpenCV's model), or its limit for far away: an affine (telecentric) lens.
 
     Parameters
     ----------
     size : (int, int)
         Columns, rows.
     K : ndarray of float64, shape (3, 3)
-        px. ``K[0, 0]`` is negative where the optics mirror the image.
+        px; px per mm in its first two columns where the lens is affine. ``K[0, 0]`` is negative where the optics mirror
+        the image.
     dist : ndarray of float64, shape (5,)
         k1 k2 p1 p2 k3.
+    model : {"pinhole", "affine"}
+        What is distorted and scaled to pixels: x/z and y/z of a point in the device's frame, or its x and y in mm. All
+        rays of an affine lens run along z.
     """
 
     size: tuple[int, int]
     K: Matrix
     dist: Matrix
+    model: Literal["pinhole", "affine"] = "pinhole"
 
     def __post_init__(self) -> None:
         if self.K.shape != (3, 3) or self.dist.shape != (5,):
             raise ValueError(f"a lens has a 3x3 K and 5 distortion terms, not {self.K.shape} and {self.dist.shape}")
+
+    @property
+    def parallel(self) -> bool:
+        """Whether the lens is affine: its rays are parallel."""
+        return self.model == "affine"
 
     @property
     def mirrored(self) -> bool:
@@ -115,6 +125,8 @@ class Calibration:
         Each board measured with this calibration in its own pose.
     held_out : tuple of BoardCheck
         Each board measured with a calibration from all other poses; empty for fewer than 4 poses.
+    notes : tuple of str
+        What the corners could not tell, and had to be assumed, in words.
     """
 
     camera: Lens
@@ -129,6 +141,7 @@ class Calibration:
     sigma: Mapping[str, Any] | None = None
     squares: tuple[BoardCheck, ...] = ()
     held_out: tuple[BoardCheck, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if self.R.shape != (3, 3) or self.t_mm.shape != (3,) or self.reference.shape != (3, 4):
@@ -167,6 +180,7 @@ class Calibration:
             "sigma": dict(self.sigma) if self.sigma is not None else None,
             "squares": [asdict(check) for check in self.squares],
             "held_out": [asdict(check) for check in self.held_out],
+            "notes": list(self.notes),
             "board": dict(self.board) if self.board is not None else None,
             "software": self.software,
         }
@@ -183,43 +197,13 @@ class Calibration:
         Raises
         ------
         ValueError
-            If the text is no calibration, or a key is missing; the message names it.
+            If the text is no calibration, or a key is missing or holds what it cannot; the message names the key.
         """
-        try:
-            data = json.loads(text)
-        except json.JSONDecodeError as error:
-            raise ValueError(f"not JSON: {error}") from None
-        try:
-            return Calibration(
-                camera=_lens(data["camera"]),
-                projector=_lens(data["projector"]),
-                R=np.array(data["R"], dtype=np.float64),
-                t_mm=np.array(data["t_mm"], dtype=np.float64),
-                reference=np.array(data["reference"], dtype=np.float64),
-                rms_px=data["rms_px"],
-                poses=tuple(_pose(pose) for pose in data.get("poses", ())),
-                board=data.get("board"),
-                software=data.get("software", ""),
-                sigma=data.get("sigma"),
-                squares=tuple(BoardCheck(**check) for check in data.get("squares", ())),
-                held_out=tuple(BoardCheck(**check) for check in data.get("held_out", ())),
-            )
-        except KeyError as error:
-            raise ValueError(f"calibration lacks {error.args[0]!r}") from None
-        except TypeError as error:
-            raise ValueError(f"not a calibration: {error}") from None
+        from .rig_json import read_rig
+
+        return read_rig(text)
 
 
 def _lens_mapping(lens: Lens) -> dict[str, Any]:
-    return {"size": list(lens.size), "K": lens.K.tolist(), "dist": lens.dist.tolist()}
-
-
-def _pose(data: Mapping[str, Any]) -> PoseResidual:
-    rejected = tuple((float(column), float(row)) for column, row in data.get("rejected", ()))
-    corners = tuple(CornerResidual(*corner) for corner in data.get("corners", ()))
-    return PoseResidual(**{**data, "rejected": rejected, "corners": corners})
-
-
-def _lens(data: Mapping[str, Any]) -> Lens:
-    columns, rows = data["size"]
-    return Lens((int(columns), int(rows)), np.array(data["K"], dtype=np.float64), np.array(data["dist"], np.float64))
+    model = {"model": lens.model} if lens.parallel else {}  # a file without it tells of a pinhole, as it always did
+    return {**model, "size": list(lens.size), "K": lens.K.tolist(), "dist": lens.dist.tolist()}

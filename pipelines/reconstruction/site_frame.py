@@ -11,10 +11,11 @@ from .rig_model import Lens
 __all__ = ["lens_of", "site_frame"]
 
 
-def lens_of(numbers: Floats, size: tuple[int, int]) -> Lens:
+def lens_of(numbers: Floats, size: tuple[int, int], parallel: bool = False) -> Lens:
     """Make a lens of the eight numbers of `Solution`."""
     fx, fy, cx, cy, k1, k2, p1, p2 = (float(value) for value in numbers[:LENS])
-    return Lens(size, np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]]), np.array([k1, k2, p1, p2, 0.0]))
+    K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
+    return Lens(size, K, np.array([k1, k2, p1, p2, 0.0]), "affine" if parallel else "pinhole")
 
 
 def site_frame(normal: Floats, point: Floats, mirrored: bool) -> Floats:

@@ -1,4 +1,4 @@
-"""From corners to a first fit: guesses of both lenses, mirror hypotheses, the pose between the devices."""
+"""From corners to a first fit of two pinholes: guesses of both, mirror hypotheses, the pose between the devices."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .affine_start import OneLens
 from .bundle import Corners, Solution, adjust, adjust_lens, rms_px
 from .pinhole import Floats, finite, fit_homography, plane_pose, rotation, rotation_vector
 
-__all__ = ["PoseCorners", "flat", "start"]
+__all__ = ["PoseCorners", "flat", "join_pinholes", "mirror", "pinhole_lens"]
 
 MIRROR_GAIN = 2.0  # a mirror is believed only if it makes the rms this many times smaller
 
@@ -29,37 +30,41 @@ class PoseCorners:
     agreeing: float = 1.0
 
 
-def start(
-    corners: Corners, sizes: tuple[tuple[int, int], tuple[int, int]], mirrors: Sequence[str] = ("none", "camera")
+def join_pinholes(
+    corners: Corners,
+    camera: OneLens,
+    projector: OneLens,
+    sizes: tuple[tuple[int, int], tuple[int, int]],
+    mirrors: Sequence[str] = ("none", "camera"),
 ) -> Solution:
-    """Fit all corners, none left out, from nothing but the corners.
+    """Fit both devices to all corners, none left out, from a fit of each on its own.
 
     Parameters
     ----------
     corners : Corners
+    camera, projector : OneLens
     sizes : ((int, int), (int, int))
         Columns and rows of camera and projector.
     mirrors : sequence of str
         Which devices may be mirrored: ``none``, ``camera``, ``projector``, ``both``; the first one needs no proof.
-
-    Raises
-    ------
-    ValueError
-        If no lens explains the corners.
     """
-    camera = _start_lens(corners, corners.camera, sizes[0], (0.5,), 0.05)
-    projector = _start_lens(corners, corners.projector, sizes[1], (0.5, 0.0, 1.0), 0.5)
     best: Solution | None = None
     best_rms = np.inf
     for name in mirrors:
-        seen = _mirror(camera) if name in ("camera", "both") else camera
-        lit = _mirror(projector) if name in ("projector", "both") else projector
-        candidate = adjust(corners, _join(seen, lit), sizes, (0.2, 0.3), rounds=25)
+        candidate = adjust(corners, _join(*mirror(camera, projector, name)), sizes, (0.2, 0.3), rounds=25)
         rms = rms_px(candidate, corners, corners.use)[2]
         if best is None or rms * MIRROR_GAIN < best_rms:
             best, best_rms = candidate, rms
     assert best is not None
     return best
+
+
+def mirror(camera: OneLens, projector: OneLens, name: str) -> tuple[OneLens, OneLens]:
+    """Turn the devices round that are mirrored by this name."""
+    return (
+        _mirror(camera) if name in ("camera", "both") else camera,
+        _mirror(projector) if name in ("projector", "both") else projector,
+    )
 
 
 def flat(poses: Sequence[PoseCorners]) -> Corners:
@@ -74,13 +79,16 @@ def flat(poses: Sequence[PoseCorners]) -> Corners:
     )
 
 
-OneLens = tuple[Floats, Floats]  # lens (8,), poses (pose, 6)
-
-
-def _start_lens(
+def pinhole_lens(
     corners: Corners, image: Floats, size: tuple[int, int], shifts: tuple[float, ...], loose: float
-) -> OneLens:
-    """Calibrate one device on its own, from several first guesses; gives lens and poses."""
+) -> tuple[OneLens, float]:
+    """Calibrate one device on its own, from several first guesses; gives lens and poses, and the rms in px.
+
+    Raises
+    ------
+    ValueError
+        If no lens explains the corners.
+    """
     use = corners.use
     homographies = [
         fit_homography(corners.board[use & (corners.pose == n)], image[use & (corners.pose == n)])
@@ -104,7 +112,7 @@ def _start_lens(
                 best, best_rms = (lens, fitted), rms
     if best is None:
         raise ValueError("no lens explains the corners: are the poses tilted, and the corners those of the board?")
-    return best
+    return best, best_rms
 
 
 def _focal_guesses(homographies: Sequence[Floats], centre: Floats, size: tuple[int, int]) -> list[tuple[float, float]]:

@@ -10,12 +10,14 @@ import numpy as np
 import numpy.typing as npt
 
 from ..scan import LEVEL_NONE
+from .height_doubt import with_doubt
 from .pinhole import undistort
 from .pixel_maps import Decoded, PointMap
 from .rig_model import Calibration
 from .slabs import in_slabs
+from .triangulate_parallel import triangulate_parallel
 
-__all__ = ["bow_mm", "triangulate"]
+__all__ = ["triangulate"]
 
 MARGIN_PX = 2  # the projector's table reaches this far beyond its edge: sub-pixel positions may too
 LEAST_PARALLAX = 0.5  # of both axes' together: an axis with less, left alone, says next to nothing of the depth
@@ -53,7 +55,7 @@ def triangulate(decoded: Decoded, calibration: Calibration) -> PointMap:
     -------
     PointMap
         ``sigma_z`` is the decoding's sigma carried through the geometry, and what the calibration leaves open beside
-        (`bow_mm`).
+        (`doubt_mm`).
 
     Raises
     ------
@@ -66,6 +68,8 @@ def triangulate(decoded: Decoded, calibration: Calibration) -> PointMap:
             f"images of {decoded.column.shape[1]}x{decoded.column.shape[0]}, but the calibration is for "
             f"{columns}x{rows}: use the camera settings of the calibration, or calibrate again"
         )
+    if calibration.camera.parallel or calibration.projector.parallel:
+        return triangulate_parallel(decoded, calibration)
     tables = _tables(calibration)
     xyz = np.empty((rows, columns, 3), np.float32)
     sigma_z = np.empty((rows, columns), np.float32)
@@ -73,7 +77,6 @@ def triangulate(decoded: Decoded, calibration: Calibration) -> PointMap:
     level = np.empty((rows, columns), np.uint8)
     P = calibration.projector
     lens = np.array([P.K[0, 0], P.K[1, 1], P.K[0, 2], P.K[1, 2], *P.dist])
-    bow = bow_mm(calibration)
     least = LEAST_PARALLAX if _any_known(decoded.column) and _any_known(decoded.row) else 0.0
 
     def slab(first: int, last: int) -> None:
@@ -89,7 +92,6 @@ def triangulate(decoded: Decoded, calibration: Calibration) -> PointMap:
             calibration.t_mm,
             lens,
             least,
-            bow,
             xyz[first:last].reshape(-1, 3),
             sigma_z[first:last].reshape(-1),
             projector[first:last].reshape(-1, 2),
@@ -97,16 +99,7 @@ def triangulate(decoded: Decoded, calibration: Calibration) -> PointMap:
         )
 
     in_slabs(rows, slab)
-    return PointMap(xyz, sigma_z, projector, level, decoded.texture)
-
-
-def bow_mm(calibration: Calibration) -> float:
-    """Standard uncertainty of heights that the calibration's own leaves, offset and tilt aside, mm; 0 if not known.
-
-    It is one smooth bow over the whole image, the same in every scan: no mean over cells makes it less.
-    """
-    field = (calibration.sigma or {}).get("field", {})
-    return float(field.get("bow_image_um") or 0.0) / 1000
+    return with_doubt(PointMap(xyz, sigma_z, projector, level, decoded.texture), calibration)
 
 
 def _any_known(place: npt.NDArray[np.float32]) -> bool:
@@ -153,7 +146,7 @@ def _lookup(table, column, row):  # type: ignore[no-untyped-def]  # a kernel: nu
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _kernel(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
-    column, row, sigma_column, sigma_row, level_in, rays, lit, R, t, lens, least, bow, xyz, sigma_z, projector, level
+    column, row, sigma_column, sigma_row, level_in, rays, lit, R, t, lens, least, xyz, sigma_z, projector, level
 ):
     fx, fy, cx, cy = lens[0], lens[1], lens[2], lens[3]
     k1, k2, p1, p2, k3 = lens[4], lens[5], lens[6], lens[7], lens[8]
@@ -209,7 +202,7 @@ def _kernel(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
             xyz[n, 0] = u * depth
             xyz[n, 1] = v * depth
             xyz[n, 2] = depth
-            sigma_z[n] = np.sqrt(spread * spread + bow * bow)
+            sigma_z[n] = spread
             projector[n, 0] = c if has_c else guess_c
             projector[n, 1] = r if has_r else guess_r
             level[n] = 0 if level_in[n] == LEVEL_NONE else level_in[n]  # one axis was enough

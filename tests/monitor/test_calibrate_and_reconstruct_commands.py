@@ -212,6 +212,37 @@ def test_what_a_beginner_does_wrong_in_reconstruct(
     assert not list(tmp_path.glob("a.*"))
 
 
+def test_what_run_refuses_reconstruct_refuses_unless_forced(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Two frames swapped: the same verdict as `run`; --force goes on and says so."""
+    patterns = PatternSet("gray", (200, 120), bits=(8, 7))
+    noise = np.random.default_rng(0).normal(0, 2, (len(patterns.roles), 96, 128))
+    albedo = 0.8 + 0.2 * np.sin(np.arange(128) / 5) * np.cos(np.arange(96) / 4)[:, None]
+    light = (patterns.images()[:, 12:108, 20:148] / 255 * 170 + 20) * albedo
+    stack = np.clip(light + noise, 0, 255).astype(np.uint8)
+    swapped = stack.copy()
+    swapped[[4, 9]] = stack[[9, 4]]
+    for name, frames in (("good", stack), ("swapped", swapped)):
+        write_capture(Frames(frames, parse_instant("2026-11-22T12:00:00Z"), patterns), tmp_path / name)
+    lens = Lens((128, 96), np.array([[200.0, 0, 59.5], [0, 200, 47.5], [0, 0, 1]]), np.zeros(5))
+    projector = Lens((200, 120), np.array([[200.0, 0, 59.5], [0, 200, 59.5], [0, 0, 1]]), np.zeros(5))
+    site = np.array([[1.0, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 100]])
+    rig = Calibration(lens, projector, np.eye(3), np.array([10.0, 0, 0]), site, {"stereo": 0.1})
+    (tmp_path / "rig.json").write_text(rig.to_json())
+    out = tmp_path / "o.npz"
+    rest = ["--calibration", str(tmp_path / "rig.json"), "--out", str(out)]
+    assert run_tokens(["reconstruct", str(tmp_path / "good"), *rest]) == 0
+    assert capsys.readouterr().err == ""
+    out.unlink()
+    assert run_tokens(["reconstruct", str(tmp_path / "swapped"), *rest]) == 1
+    line = line_of(capsys)
+    assert "swapped: two frames swapped" in line
+    assert line.endswith("(--force reconstructs it all the same)")
+    assert not out.exists()
+    assert run_tokens(["reconstruct", str(tmp_path / "swapped"), *rest, "--force"]) == 0
+    assert "reconstructed by force: two frames swapped" in line_of(capsys)
+    assert out.exists()
+
+
 def test_a_calibration_is_told_in_words() -> None:
     rig = Calibration.from_json(some_rig().to_json())
     text = "\n".join(describe_calibration(rig))

@@ -29,9 +29,9 @@ from pipelines.reconstruction import (
     triangulate,
 )
 from pipelines.reconstruction.calibration import Mirrored, find_corners
+from pipelines.reconstruction.height_doubt import narrowed
 from pipelines.reconstruction.pinhole import undistort
 from pipelines.reconstruction.projector_corners import CornerMethod, inside, lattice_of, outline
-from pipelines.reconstruction.triangulate import bow_mm
 from storage import read_capture, read_patterns
 
 pytestmark = pytest.mark.xdist_group("known-captures")  # they share what takes seconds to decode
@@ -94,11 +94,38 @@ def test_real_board(real: list[Decoded], method: CornerMethod) -> None:
         rows, columns = rows[on_board][::7], columns[on_board][::7]
         distance = off_plane(points.xyz[rows, columns].astype(np.float64))
         # one board is too small to show how far the calibration bends the whole field: that part aside
-        decoding = np.sqrt(np.maximum(points.sigma_z[rows, columns] ** 2 - bow_mm(rig) ** 2, 0))
+        decoding = narrowed(points, rig).sigma_z[rows, columns]
         sd, said = robust_sd(distance), float(np.median(decoding))
         print(f"  plane sd {sd:.3f} mm, sigma_z says {said:.3f} mm, over {on_board.sum()} pixels")
         assert sd < 1.5
         assert 0.5 < sd / said < 2
+
+
+@pytest.mark.parametrize("name", ["kamino410", "rendered"])
+def test_boards_are_flatter_from_sub_pixel_than_from_integer_positions(
+    shared_data: Path, real: list[Decoded], rendered: list[Decoded], name: str
+) -> None:
+    """Dense planes of the boards, the same pixels: the bar is a quarter of the integer decoder's at 80 % of them."""
+    folder, size, board = (
+        ("kamino410", (1024, 768), REAL) if name == "kamino410" else ("rendered/calib", (608, 684), RENDERED)
+    )
+    places = [f"capture_{n}" for n in range(3)] if name == "kamino410" else [f"pose{n}" for n in POSES]
+    fine = real if name == "kamino410" else rendered
+    rig = calibrate_decoded(fine, size, board)
+    patterns = read_patterns(shared_data / name / "patterns.yaml")
+    for place, decoded in zip(places, fine, strict=True):
+        whole = decode(read_capture(shared_data / folder / place, patterns))
+        corners, inner = find_corners(decoded.texture, board, place)
+        hull = outline(corners, lattice_of(inner))
+        pixels = np.stack(np.meshgrid(*(np.arange(n) for n in rig.camera.size)), axis=-1).reshape(-1, 2)
+        on_board = inside(pixels.astype(np.float64), hull).reshape(whole.column.shape)
+        sub, coarse = triangulate(decoded, rig), triangulate(whole, rig)
+        both = on_board & sub.valid & coarse.valid
+        share = both.sum() / (on_board & coarse.valid).sum()
+        a, b = (robust_sd(off_plane(each.xyz[both].astype(np.float64)[::3])) for each in (sub, coarse))
+        print(f"{name} {place}: plane sd {a:.4g} mm of {b:.4g} mm, 1/{b / a:.1f}, at {share:.1%} of valid pixels")
+        assert share >= 0.8
+        assert a <= b / 4
 
 
 def best_rms(rig: Calibration, share: float) -> float:

@@ -1,0 +1,95 @@
+"""What a calibration leaves open of heights, carried from its coarse map over the image to points and cells."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numba as nb
+import numpy as np
+import numpy.typing as npt
+
+from ..grid import Grid
+from .pinhole import Floats, project
+from .pixel_maps import PointMap
+from .rig_model import Calibration
+from .slabs import in_slabs
+
+__all__ = ["doubt_mm", "doubt_of_cells", "narrowed", "with_doubt"]
+
+NODES = 17  # per axis of a grid: what is told there varies slowly
+LEAST = 1e-2  # of a point's sigma: what is left of it at least where nearly all of it is the calibration's
+
+Map = npt.NDArray[np.float32]
+
+
+def doubt_mm(calibration: Calibration) -> Map:
+    """Standard uncertainty (rows, columns) of heights by the calibration alone, mm, at nodes spread over the image.
+
+    Offset and tilt of the whole field aside: one smooth error, the same in every scan, so no mean makes it less. The
+    first and last nodes lie on the outermost pixels. 0 where the calibration does not tell; one from before it had a
+    map tells one value.
+    """
+    field = (calibration.sigma or {}).get("field", {})
+    told = field.get("map_um") or [[field.get("bow_image_um") or 0.0]]
+    coarse = np.array(told, dtype=np.float32) / 1000
+    return np.ascontiguousarray(np.broadcast_to(coarse, np.maximum(coarse.shape, 2)))
+
+
+def with_doubt(points: PointMap, calibration: Calibration) -> PointMap:
+    """Add what the calibration leaves open to ``sigma_z``, in place: the points are just made, nobody else has them."""
+    _add(points.sigma_z, doubt_mm(calibration), 1.0, points.sigma_z)
+    return points
+
+
+def narrowed(points: PointMap, calibration: Calibration) -> PointMap:
+    """Take what the calibration leaves open out of ``sigma_z`` again: what is left are errors that means make less."""
+    sigma = np.empty_like(points.sigma_z)
+    _add(points.sigma_z, doubt_mm(calibration), -1.0, sigma)
+    return replace(points, sigma_z=sigma)
+
+
+def doubt_of_cells(sigma: Map, grid: Grid, calibration: Calibration) -> None:
+    """Add what the calibration leaves open to the sigma (rows, columns) of cells, in place."""
+    x, y = (np.linspace(side[0], side[-1], NODES) for side in (grid.x_mm, grid.y_mm))
+    site = np.stack([*np.meshgrid(x, y), np.zeros((NODES, NODES))], axis=-1)
+    points = (site - calibration.reference[:, 3]) @ calibration.reference[:, :3]
+    _add(sigma, _at(doubt_mm(calibration), project(calibration.camera, points), calibration.camera.size), 1.0, sigma)
+
+
+def _at(coarse: Map, pixels: Floats, size: tuple[int, int]) -> Map:
+    """The map at pixels (..., 2), linear between nodes, held at the image's edge."""
+    where = []
+    for axis, nodes in ((1, coarse.shape[0]), (0, coarse.shape[1])):
+        place = np.clip(pixels[..., axis] / (size[axis] - 1), 0, 1) * (nodes - 1)
+        first = np.minimum(place.astype(np.intp), nodes - 2)
+        where.append((first, place - first))
+    (i, a), (j, b) = where
+    upper = coarse[i, j] * (1 - b) + coarse[i, j + 1] * b
+    lower = coarse[i + 1, j] * (1 - b) + coarse[i + 1, j + 1] * b
+    return np.ascontiguousarray(upper * (1 - a) + lower * a, dtype=np.float32)
+
+
+def _add(sigma: Map, coarse: Map, sign: float, out: Map) -> None:
+    in_slabs(len(sigma), lambda first, last: _add_rows(sigma, coarse, np.float32(sign), out, first, last))
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _add_rows(sigma, coarse, sign, out, first, last):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    H, W = sigma.shape
+    high, wide = np.float32(coarse.shape[0] - 1), np.float32(coarse.shape[1] - 1)
+    line = np.empty(coarse.shape[1], np.float32)
+    least = np.float32(LEAST * LEAST)
+    for i in range(first, last):
+        place = np.float32(i) * high / np.float32(max(H - 1, 1))
+        k = min(int(place), coarse.shape[0] - 2)
+        a = place - np.float32(k)
+        for j in range(len(line)):
+            line[j] = coarse[k, j] * (np.float32(1) - a) + coarse[k + 1, j] * a
+        step = wide / np.float32(max(W - 1, 1))
+        for j in range(W):
+            place = np.float32(j) * step
+            m = min(int(place), len(line) - 2)
+            b = place - np.float32(m)
+            doubt = line[m] * (np.float32(1) - b) + line[m + 1] * b
+            s = sigma[i, j] * sigma[i, j]
+            out[i, j] = np.sqrt(max(s + sign * doubt * doubt, least * s))  # NaN stays NaN
