@@ -8,6 +8,7 @@ from .diagnose import CAUSES, Diagnosis, Finding, diagnose, diagnose_stack
 from .frame_order import suggest_order
 from .frames import Frames
 from .gridding import footprint_grid, to_scan
+from .height_doubt import bow_mm
 from .merge import LEVEL_CONTESTED, Merged, View, edge_weight, merge
 from .mosaic import Offset, Placement, Seam, place_tiles, seam_between
 from .optics import CHIPS, PAPER_SETUP, Figure, OpticsSetup, conflicts, work_out
@@ -21,7 +22,7 @@ from .shared_board import site_to_site
 from .slanted_edge import edge_contrast, find_edge
 from .stripe_contrast import StripeContrast, stripe_contrast
 from .subpixel import locate, refine
-from .triangulate import bow_mm, triangulate
+from .triangulate import triangulate
 
 __all__ = [
     "CAUSES",

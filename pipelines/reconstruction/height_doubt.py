@@ -14,7 +14,7 @@ from .pixel_maps import PointMap
 from .rig_model import Calibration
 from .slabs import in_slabs
 
-__all__ = ["doubt_mm", "doubt_of_cells", "narrowed", "with_doubt"]
+__all__ = ["bow_mm", "doubt_mm", "doubt_of_cells", "narrowed", "with_doubt"]
 
 NODES = 17  # per axis of a grid: what is told there varies slowly
 LEAST = 1e-2  # of a point's sigma: what is left of it at least where nearly all of it is the calibration's
@@ -33,6 +33,11 @@ def doubt_mm(calibration: Calibration) -> Map:
     told = field.get("map_um") or [[field.get("bow_image_um") or 0.0]]
     coarse = np.array(told, dtype=np.float32) / 1000
     return np.ascontiguousarray(np.broadcast_to(coarse, np.maximum(coarse.shape, 2)))
+
+
+def bow_mm(calibration: Calibration) -> float:
+    """Root mean square of `doubt_mm` over the image, for who needs one number; 0 if not known."""
+    return float(np.sqrt(np.mean(np.square(doubt_mm(calibration), dtype=np.float64))))
 
 
 def with_doubt(points: PointMap, calibration: Calibration) -> PointMap:

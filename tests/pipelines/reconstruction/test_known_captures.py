@@ -29,7 +29,7 @@ from pipelines.reconstruction import (
     triangulate,
 )
 from pipelines.reconstruction.calibration import Mirrored, find_corners
-from pipelines.reconstruction.height_doubt import narrowed
+from pipelines.reconstruction.height_doubt import bow_mm, narrowed
 from pipelines.reconstruction.pinhole import undistort
 from pipelines.reconstruction.projector_corners import CornerMethod, inside, lattice_of, outline
 from storage import read_capture, read_patterns
