@@ -13,7 +13,9 @@ from .frames import Frames
 from .kernels import decode_words
 from .patterns import AXES, PatternSet
 from .pixel_maps import Decoded
-from .refine_kernels import reject_loners, unwrap_phase
+from .refine_kernels import unwrap_phase
+from .stripes import decode_stripes
+from .surface_light import show_light
 
 __all__ = ["decode"]
 
@@ -21,8 +23,6 @@ RUNS, RUN = 16, 32
 """Noise is estimated from this many runs of this many neighbouring pixels (scattered single ones cost a cache miss)."""
 ROUNDING = 0.29
 """Standard deviation of rounding to whole counts, 1 / sqrt(12)."""
-AGREE_CELLS = 4
-"""Neighbours along a row agree if they differ by at most so many of the widest cells."""
 
 
 def decode(
@@ -70,6 +70,10 @@ def decode(
         into = _room(rows, columns)
     elif into.column.shape != (rows, columns):
         raise ValueError(f"frames are {columns}x{rows}, `into` is {into.column.shape[1]}x{into.column.shape[0]}")
+    if patterns.kind == "stripes":
+        show_light(frames, into)
+        decode_stripes(frames, sd, into)
+        return into
     level = into.level
     decode_words(
         stack,
@@ -91,18 +95,14 @@ def decode(
         into.texture.reshape(-1),
         into.contrast.reshape(-1),
     )
-    if patterns.kind != "gray":
+    if patterns.kind == "phase":
         for number, axis in enumerate(AXES):
-            book = books[number]
-            if book is None:
+            if books[number] is None:
                 continue
             place, sigma = ((into.column, into.sigma_column), (into.row, into.sigma_row))[number]
-            if patterns.kind == "phase":
-                steps = np.array([n for n, r in enumerate(patterns.roles) if (r.what, r.axis) == ("phase", axis)])
-                length = patterns.size[number]
-                unwrap_phase(stack, steps, patterns.period_px(axis), length, sd, place.reshape(-1), sigma.reshape(-1))
-            else:
-                reject_loners(place, sigma, AGREE_CELLS * float(book.width.max()))
+            steps = np.array([n for n, r in enumerate(patterns.roles) if (r.what, r.axis) == ("phase", axis)])
+            length = patterns.size[number]
+            unwrap_phase(stack, steps, patterns.period_px(axis), length, sd, place.reshape(-1), sigma.reshape(-1))
             level[np.isnan(place)] = LEVEL_NONE
     return into
 

@@ -6,7 +6,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["reject_loners", "unwrap_phase"]
+__all__ = ["unwrap_phase"]
 
 F32 = npt.NDArray[np.float32]
 Stack = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
@@ -62,46 +62,3 @@ def unwrap_phase(
         bad = saturated or error > 0.33 or abs(fine - coarse) > JUMP or place < -0.5 or place > length - 0.5
         out[i] = np.nan if bad else place
         sigma[i] = np.nan if bad else period * error / (2 * np.pi)
-
-
-@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def reject_loners(out: F32, sigma: F32, farthest: float) -> int:
-    """Drop pixels that contradict both sides of their row while those agree with each other.
-
-    Parameters
-    ----------
-    out, sigma : ndarray of float32, shape (row, column)
-        Changed in place: NaN where dropped.
-    farthest : float
-        Largest difference of neighbours that agree, px.
-
-    Returns
-    -------
-    int
-        Pixels dropped.
-    """
-    dropped = 0
-    rows, columns = out.shape
-    for row in range(rows):
-        line = out[row]
-        left = np.float32(np.nan)
-        gap = 0
-        for column in range(columns - 1):
-            value = line[column]
-            if np.isnan(value):
-                gap += 1
-                if gap > 2:
-                    left = np.float32(np.nan)
-                continue
-            right = line[column + 1]
-            if np.isnan(right) and column + 2 < columns:
-                right = line[column + 2]
-            lonely = abs(value - left) > farthest and abs(value - right) > farthest and abs(left - right) <= farthest
-            if lonely:
-                line[column] = np.nan
-                sigma[row, column] = np.nan
-                dropped += 1
-            else:
-                left = value
-                gap = 0
-    return dropped

@@ -1,4 +1,4 @@
-"""Compiled loops of the soft decoder of stripes: the blur of a tile, the most likely place of a pixel, its neighbours."""
+"""Compiled loops of the soft decoder of stripes: the blur of a tile, the most likely place of a pixel."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ import numpy as np
 
 from .stripe_model import WIDTH
 
-__all__ = ["locate_pixels", "support", "tile_power"]
+__all__ = ["locate_pixels", "tile_power"]
 
-ROOM = 256  # coarse samples that may be compared for one pixel: 4 each of 64 projector pixels
-NOT_MEASURED = 255
-LOOSE = frozenset({"reassoc", "contract", "arcp", "nsz"})  # sums may be reordered: what vector instructions need
+ROOM = 512  # projector pixels that may be compared for one pixel
+STRIDE = 2  # every other sample is enough to find the best
+FAR = 1e30
+CUT_OFF = 0.02  # variance of swings where white is saturated: they are too large, by how much is not known
+LOOSE = {"reassoc", "contract", "arcp", "nsz"}  # sums may be reordered: what vector instructions need
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -48,15 +50,68 @@ def tile_power(stack, white, black, plus, minus, bits, tile, lit, loss, power, w
                 power[a, b, bit] += swing * swing - loss
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy", fastmath=LOOSE, inline="always")
-def _cost(seen, model, q, more):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
-    """Squared distance of what is seen from what a sample of the model expects, in variances."""
+@nb.njit(cache=True, nogil=True, error_model="numpy", fastmath=LOOSE)
+def _distance(seen, swing):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """Squared distance of what is seen from what a sample of the model expects."""
     total = np.float32(0)
     for k in range(WIDTH):
-        e = model[0, k]
-        d = seen[k] - e
-        total += d * d / (more + q * (np.float32(1) + e * e) + model[1, k])
+        d = seen[k] - swing[k]
+        total += d * d
     return total
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy", fastmath=LOOSE)
+def _cost(seen, swing, loose, q, more):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """The same in variances: of noise, of white minus black, of the model's own error, of the blur."""
+    total = np.float32(0)
+    for k in range(WIDTH):
+        e = swing[k]
+        d = seen[k] - e
+        total += d * d / (more + q * (np.float32(1) + e * e) + loose[k])
+    return total
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _scan(seen, word, near, swing, first, candidate, per_px, distances, samples):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """The sample most like what is seen among the candidates of a word, and the most like it of those not near it."""
+    count = min(first[word + 1] - first[word], ROOM)
+    best, at = np.float32(FAR), -1
+    for c in range(count):
+        start = candidate[first[word] + c] * per_px
+        least, where = np.float32(FAR), start
+        for sample in range(start + STRIDE // 2, start + per_px, STRIDE):
+            here = _distance(seen, swing[sample])
+            if here < least:
+                least, where = here, sample
+        distances[c], samples[c] = least, where
+        if least < best:
+            best, at = least, where
+    rival, other = np.float32(FAR), -1
+    for c in range(count):
+        if distances[c] < rival and abs(samples[c] - at) > near:
+            rival, other = distances[c], samples[c]
+    return at, other
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _around(seen, middle, near, swing, distances):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """Compare every other sample near one: the sample most like what is seen, the first compared, how many."""
+    last = len(swing) - 1
+    low = max(middle - near, 0)
+    count = (min(middle + near, last) - low) // STRIDE + 1
+    best, at = np.float32(FAR), low
+    for c in range(count):
+        here = _distance(seen, swing[low + c * STRIDE])
+        distances[c] = here
+        if here < best:
+            best, at = here, low + c * STRIDE
+    middle = at
+    for sample in (middle - 1, middle + 1):
+        if 0 <= sample <= last:
+            here = _distance(seen, swing[sample])
+            if here < best:
+                best, at = here, sample
+    return best, at, low, count
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -72,172 +127,146 @@ def locate_pixels(  # type: ignore[no-untyped-def]  # a kernel: numba infers the
     blur,
     tile,
     swing,
+    loose,
+    loosest,
+    power,
     first,
     candidate,
+    unlike,
     per_px,
+    near,
     lit,
     noise,
     floor,
-    far,
     margin,
     worst,
     rows,
     place,
     sigma,
     cost,
+    coarser,
 ):
     """Find where on the projector each pixel of some rows looks.
 
-    Every projector pixel that may read as the pixel's word is compared with it at samples of the model; the best is the
-    place, if none farther off than `far` comes near it.
+    The samples of the model around the place of the neighbour are compared first. If one of them fits, and no place far
+    from it can (`unlike`), it is the place; else every projector pixel that may read as the pixel's word is compared,
+    and the best is the place if none far from it comes near.
 
     Parameters
     ----------
     stack : ndarray, shape (frame, row, column)
     plus, minus : ndarray of int64, shape (bits,)
     shift, gain : ndarray of float32, shape (bits,)
-        What flicker added to the swing of each bit, and times how much.
+        What flicker added to the swing of each bit, and times how much it has to be taken.
     blur : ndarray of uint8, shape (tile row, tile column)
         Which blur of the model.
-    swing, first, candidate, per_px
+    swing, loose, power, first, candidate, per_px
         Of the `SwingModel`.
+    loosest : ndarray of float32, shape (blur,)
+        Largest of `loose`.
+    unlike : ndarray of float32, shape (blur, sample)
+        `stripe_model.apart`.
+    near : int
+        Samples: two places no farther apart are one, and the spread between them is part of sigma.
     lit, noise, floor : float
         Least white minus black, standard deviation of pattern minus inverse, counts; error of the model, of the swing.
-    far : float
-        px: two places nearer than this are one, and the spread between them is part of sigma.
     margin, worst : float
         Least difference of cost from the best far place; largest cost.
     rows : ndarray of int64
         Rows to visit.
     place, sigma, cost : ndarray of float32, shape (len(rows), column)
-        Filled; NaN, except of `cost` (-1 where unlit).
+        Filled; NaN where not found, `cost` where unlit.
+    coarser : ndarray of uint8, shape (len(rows), column)
+        Filled: how many of the finest patterns the noise hides.
     """
     W = stack.shape[2]
     full = np.iinfo(stack.dtype).max
     seen = np.zeros(WIDTH, np.float32)
-    costs = np.empty(ROOM, np.float32)
-    samples = np.empty(ROOM, np.int32)
-    stride = 2
-    inverse = np.float32(1.0 / per_px)
+    distances, samples = np.empty(ROOM, np.float32), np.empty(ROOM, np.int32)
+    above = np.full(W, -1, np.int32)
     last = swing.shape[1] - 1
     nan = np.float32(np.nan)
-    more0 = np.float32(floor * floor)
     for n in range(rows.size):
         i = rows[n]
+        guess = -1
         for j in range(W):
-            place[n, j] = nan
-            sigma[n, j] = nan
-            cost[n, j] = -1
+            place[n, j], sigma[n, j], cost[n, j] = nan, nan, nan
             w, k = np.float32(stack[white, i, j]), np.float32(stack[black, i, j])
             light = w - k
             if light < lit:
+                guess = -1
+                above[j] = -1
                 continue
             share = np.float32(1) / light
             word = 0
             for bit in range(bits):
                 p = np.float32(stack[plus[bit], i, j])
-                if minus[bit] >= 0:
-                    s = (p - np.float32(stack[minus[bit], i, j])) * share
-                else:
-                    s = (p + p - w - k) * share
-                s = (s - shift[bit]) * gain[bit]
+                other = np.float32(stack[minus[bit], i, j]) if minus[bit] >= 0 else w + k - p
+                s = ((p - other) * share - shift[bit]) * gain[bit]
                 seen[bit] = s
                 word = (word << 1) | (s > 0)
             q = np.float32(noise * share)
             q = q * q
-            more = more0
+            more = np.float32(floor * floor)
             if stack[white, i, j] == full:
-                more = more + np.float32(0.02)  # white was cut off: the swings are too large, by how much is not known
+                more += np.float32(CUT_OFF)
             level = blur[i // tile, j // tile]
-            model = swing[level]
-            count = 0
-            best = np.float32(1e30)
-            at = 0
-            for c in range(first[level, word], first[level, word + 1]):
-                start = candidate[c] * per_px
-                if count + 4 > ROOM:
-                    break
-                for sample in range(start + stride // 2, start + per_px, stride):
-                    here = _cost(seen, model[sample], q, more)
-                    costs[count] = here
-                    samples[count] = sample
-                    count += 1
-                    if here < best:
-                        best = here
-                        at = sample
-            cost[n, j] = best
-            if count == 0:
-                continue
-            # down to the lowest cost between the samples
-            middle = at
-            while True:
-                lower = _cost(seen, model[at - 1], q, more) if at > 0 else np.float32(1e30)
-                if lower < best:
-                    best = lower
-                    at -= 1
+            model, slack = swing[level], loose[level]
+            if guess < 0:
+                guess = above[j]
+            off, best, at, low, count, sure = np.float32(FAR), np.float32(FAR), -1, 0, 0, False
+            if guess >= 0:
+                off, at, low, count = _around(seen, guess, near, model, distances)
+                best = _cost(seen, model[at], slack[at], q, more)
+                gap = unlike[level, at] - np.sqrt(off)
+                sure = gap > 0 and gap * gap > (margin + best) * (more + 2 * q + loosest[level])
+            if not (sure and best < 0.5 * worst):
+                at, rival = _scan(seen, word, near, model, first[level], candidate, per_px, distances, samples)
+                if at < 0:
+                    guess = -1
+                    above[j] = -1
+                    cost[n, j] = FAR
                     continue
-                upper = _cost(seen, model[at + 1], q, more) if at < last else np.float32(1e30)
-                if upper < best:
-                    best = upper
-                    at += 1
-                    continue
-                break
+                off, at, low, count = _around(seen, at, near, model, distances)
+                best = _cost(seen, model[at], slack[at], q, more)
+                sure = rival < 0 or _cost(seen, model[rival], slack[rival], q, more) - best > margin
             cost[n, j] = best
-            if best > worst:
-                continue
-            # the spread of what is as likely nearby; the best of what is far
-            reach = far * per_px
-            total, mean, square = 0.0, 0.0, 0.0
-            rival = np.float32(1e30)
-            for m in range(count):
-                away = samples[m] - middle
-                if abs(away) > reach:
-                    rival = min(rival, costs[m])
-                else:
-                    weight = np.exp(-0.5 * max(costs[m] - best, np.float32(0)))
-                    total += weight
-                    mean += weight * away
-                    square += weight * away * away
-            if rival - best < margin:
+            sure = sure and best <= worst
+            guess = at if sure else -1
+            above[j] = guess
+            if not sure:
                 continue
             # Gauss and Newton from the best sample
             before, here, after = model[max(at - 1, 0)], model[at], model[min(at + 1, last)]
-            curvature, slope = np.float32(0), np.float32(0)
+            curvature, slope = np.float32(1e-9), np.float32(0)
             for bit in range(bits):
-                rise = (after[0, bit] - before[0, bit]) * np.float32(0.5)
-                e = here[0, bit]
-                variance = more + q * (np.float32(1) + e * e) + here[1, bit]
-                curvature += rise * rise / variance
-                slope += rise * (seen[bit] - e) / variance
-            spread = 1.0 / np.sqrt(max(curvature, np.float32(1e-12)))  # samples
+                rise = (after[bit] - before[bit]) * np.float32(0.5)
+                e = here[bit]
+                weight = np.float32(1) / (more + q * (np.float32(1) + e * e) + slack[at, bit])
+                curvature += rise * rise * weight
+                slope += rise * (seen[bit] - e) * weight
+            found = at + min(max(slope / curvature, np.float32(-1)), np.float32(1))
+            spread = np.float32(1) / np.sqrt(curvature)
+            # where other places nearby are as likely: their mean and spread
+            total, mean, square = np.float32(0), np.float32(0), np.float32(0)
+            scale = np.float32(1) / (more + q)
+            for c in range(count):
+                more_costly = (distances[c] - off) * scale
+                if more_costly < np.float32(16):
+                    weight = np.exp(np.float32(-0.5) * more_costly)
+                    away = np.float32(low + c * STRIDE - at)
+                    total += weight
+                    mean += weight * away
+                    square += weight * away * away
             if total > 0:
                 mean /= total
-                wide = np.sqrt(max(square / total - mean * mean, 0.0))
-            else:
-                mean, wide = 0.0, 0.0
-            if wide > stride and wide > spread * 0.8:
-                found = middle + mean
-                spread = wide
-            else:
-                found = at + min(max(slope / max(curvature, np.float32(1e-12)), -1.0), 1.0)
-                spread = min(spread, reach)
-            place[n, j] = (found + 0.5) * inverse - 0.5
-            sigma[n, j] = spread * inverse
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def support(place, near, least, keep):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
-    """Tell which pixels have at least `least` of their eight neighbours within `near` px."""
-    H, W = place.shape
-    for i in range(H):
-        for j in range(W):
-            here = place[i, j]
-            keep[i, j] = False
-            if not here == here:
-                continue
-            found = 0
-            for a in range(max(i - 1, 0), min(i + 2, H)):
-                for b in range(max(j - 1, 0), min(j + 2, W)):
-                    if abs(place[a, b] - here) <= near:
-                        found += 1
-            keep[i, j] = found > least
+                wide = np.sqrt(max(square / total - mean * mean, np.float32(0)))
+                if spread > STRIDE or (wide > STRIDE and wide > np.float32(0.8) * spread):
+                    found = at + mean
+                    spread = np.sqrt(wide * wide + np.float32(STRIDE * STRIDE / 12))
+            hidden = 0
+            while hidden < bits - 1 and power[level, bits - 1 - hidden] < q:
+                hidden += 1
+            coarser[n, j] = hidden
+            place[n, j] = (found + np.float32(0.5)) / per_px - np.float32(0.5)
+            sigma[n, j] = min(spread, np.float32(near)) / per_px

@@ -52,7 +52,7 @@ def refine(frames: Frames, decoded: Decoded) -> Decoded:
     Decoded
     """
     patterns = frames.patterns
-    if patterns.kind == "phase":
+    if patterns.kind != "gray":
         return decoded
     bits, plus, minus = frame_indices(patterns)
     stack = np.ascontiguousarray(frames.stack)
