@@ -7,13 +7,12 @@ from math import ceil, sqrt
 import numpy as np
 import numpy.typing as npt
 
-from ..scan import LEVEL_NONE
 from .codebook import MAX_BITS, Codebook
 from .frames import Frames
 from .kernels import decode_words
 from .patterns import AXES, PatternSet
+from .phase import decode_phase
 from .pixel_maps import Decoded
-from .refine_kernels import unwrap_phase
 from .stripes import decode_stripes
 from .surface_light import show_light
 
@@ -70,11 +69,10 @@ def decode(
         into = _room(rows, columns)
     elif into.column.shape != (rows, columns):
         raise ValueError(f"frames are {columns}x{rows}, `into` is {into.column.shape[1]}x{into.column.shape[0]}")
-    if patterns.kind == "stripes":
+    if patterns.kind != "gray":
         show_light(frames, into)
-        decode_stripes(frames, sd, into)
+        (decode_stripes if patterns.kind == "stripes" else decode_phase)(frames, sd, into)
         return into
-    level = into.level
     decode_words(
         stack,
         frame_of(patterns, "white"),
@@ -91,19 +89,10 @@ def decode(
         into.row.reshape(-1),
         into.sigma_column.reshape(-1),
         into.sigma_row.reshape(-1),
-        level.reshape(-1),
+        into.level.reshape(-1),
         into.texture.reshape(-1),
         into.contrast.reshape(-1),
     )
-    if patterns.kind == "phase":
-        for number, axis in enumerate(AXES):
-            if books[number] is None:
-                continue
-            place, sigma = ((into.column, into.sigma_column), (into.row, into.sigma_row))[number]
-            steps = np.array([n for n, r in enumerate(patterns.roles) if (r.what, r.axis) == ("phase", axis)])
-            length = patterns.size[number]
-            unwrap_phase(stack, steps, patterns.period_px(axis), length, sd, place.reshape(-1), sigma.reshape(-1))
-            level[np.isnan(place)] = LEVEL_NONE
     return into
 
 

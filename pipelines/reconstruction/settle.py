@@ -4,15 +4,57 @@ from __future__ import annotations
 
 import numba as nb
 import numpy as np
+import numpy.typing as npt
 
-__all__ = ["settle"]
+from .slabs import in_slabs
+
+__all__ = ["keep_surfaces"]
+
+F32 = npt.NDArray[np.float32]
 
 BEND = 0.2
 """How far a pixel is off, of the bend of the map: the camera's blur averages over it."""
 
 
+WELL = 1.4
+"""A pixel that fits well costs no more than so many times what is expected."""
+STEEP = 3
+"""A surface may rise so many times more steeply than the whole does."""
+
+
+def keep_surfaces(found: F32, spread: F32, misfit: F32, place: F32, sigma: F32, *, cell_px: float = 1.0) -> None:
+    """Reject the pixels that lie on no surface which their neighbours show, and add the bend of it to sigma.
+
+    Parameters
+    ----------
+    found, spread : ndarray of float32, shape (row, column)
+        Projector px and standard uncertainty; NaN where not found.
+    misfit : ndarray of float32, shape (row, column)
+        How badly what a pixel saw fits, of what is expected.
+    place, sigma : ndarray of float32, shape (row, column)
+        Filled; NaN where rejected.
+    cell_px : float
+        Width of the finest stripes.
+    """
+    rise = STEEP * _rise_px(found)
+    flat, broken = max(1.0, 0.5 * cell_px), rise + 2 * max(cell_px, 1.0)
+    in_slabs(
+        len(found),
+        lambda first, last: _settle(found, spread, misfit, broken, flat, rise, WELL, first, last, place, sigma),
+    )
+
+
+def _rise_px(place: F32) -> float:
+    """How much the place changes from pixel to pixel where nothing breaks off."""
+    most = 0.0
+    for step in (np.diff(place[::4], axis=1), np.diff(place[:, ::4], axis=0)):
+        known = step[np.isfinite(step)]
+        most = max(most, float(np.median(np.abs(known))) if known.size else 0.0)
+    return most
+
+
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def settle(found, sigma, cost, break_px, flat_px, steep_px, well, first, last, place, spread):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+def _settle(found, sigma, cost, break_px, flat_px, steep_px, well, first, last, place, spread):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     """Keep the pixels that lie on a surface which their neighbours show, and add the bend of the surface to sigma.
 
     Going on straight from the two next pixels in each of eight directions leads to a point of a surface, on its own

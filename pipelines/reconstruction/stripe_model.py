@@ -1,4 +1,4 @@
-"""What a blurred camera should see of a stripe set along an axis: the swing of every bit, and who may read as a word."""
+"""What a blurred camera should see of stripes along an axis: the swing of every bit, and what may read as a word."""
 
 from __future__ import annotations
 

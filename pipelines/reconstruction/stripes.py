@@ -18,7 +18,7 @@ from ..scan import LEVEL_NONE
 from .frames import Frames
 from .patterns import AXES, Axis
 from .pixel_maps import Decoded
-from .settle import settle
+from .settle import keep_surfaces
 from .slabs import in_slabs
 from .stripe_kernels import locate_pixels, tile_power
 from .stripe_model import SwingModel, apart, swing_model
@@ -38,8 +38,6 @@ FLOOR = 0.02
 """Least error of the model, of the swing; more where the capture itself shows more."""
 MARGIN = 20.0
 """The best place costs so much less than any far one: a likelihood of 1 to 20,000."""
-WELL = 1.4
-"""A pixel that fits well costs at most so much per pattern."""
 TRIAL_ROWS = 24
 GROSS = 0.3
 """A swing that misses the model by more tells nothing of flicker."""
@@ -86,10 +84,7 @@ def _along(job: _Job, place: F32, sigma: F32) -> U8:
 
     job.learn()
     in_slabs(rows, locate)
-    cell = job.model.cell_px
-    steep = 3 * _rise_px(found)
-    limits = steep + 2 * max(cell, 1.0), max(1.0, 0.5 * cell), steep, WELL * job.model.bits
-    in_slabs(rows, lambda first, last: settle(found, spread, cost, *limits, first, last, place, sigma))
+    keep_surfaces(found, spread, cost / job.model.bits, place, sigma, cell_px=job.model.cell_px)
     return coarser
 
 
@@ -224,11 +219,3 @@ class _Job:
                 continue
             gain, shift = np.polyfit(e[good], seen[good], 1)
             self.shift[bit], self.gain[bit] = shift, 1 / min(max(gain, 0.8), 1.25)
-
-
-def _rise_px(place: F32) -> float:
-    """How much the place changes from pixel to pixel where nothing breaks off."""
-    return max(
-        float(np.median(step[np.isfinite(step)])) if np.isfinite(step).any() else 0.0
-        for step in (np.abs(np.diff(place[::4], axis=1)), np.abs(np.diff(place[:, ::4], axis=0)))
-    )
