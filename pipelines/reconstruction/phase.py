@@ -28,9 +28,12 @@ __all__ = ["PhaseModel", "decode_phase", "learn_phase"]
 
 F32 = npt.NDArray[np.float32]
 F64 = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
 
-LINES = 48
+LINES = 72
 """Lines of the image from which flicker and ripple are learnt."""
+DARK = 0.5
+"""Pixels are dark below so much of the median light."""
 ENOUGH = 10_000
 """Pixels that tell flicker well enough."""
 LEAST_SAMPLES = 500
@@ -38,8 +41,8 @@ OVERTONES = 6
 TABLE = 1024
 RIPPLE_PRIOR = 0.3
 """Standard deviation of a ripple before anything is seen, rad."""
-CORRELATED = 2.0
-"""Second differences share pixels: their errors are as those of so many times fewer."""
+CORRELATED = 4.0
+"""Neighbours share what a surface is like: errors are as those of so many times fewer pixels."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -164,7 +167,7 @@ def learn_phase(frames: Frames, axis: Axis, noise: float) -> PhaseModel:
     share = np.linspace(0, 1, TABLE + 1)
     plain = PhaseModel(np.ones(count), np.zeros(count), np.array([0.5, 0.5, *[0.0] * (OVERTONES - 2)]), share, 0.002)
     best = max((_lines(frames, axis, noise, down) for down in (False, True)), key=_turns)
-    value, lit = best
+    value, lit, bright = best
     if lit.sum() < LEAST_SAMPLES:
         return plain
     angle = 2 * np.pi * np.arange(count) / count
@@ -172,7 +175,8 @@ def learn_phase(frames: Frames, axis: Axis, noise: float) -> PhaseModel:
     power, drift, left = _flicker(value[:, lit][:, ::thin], angle)
     value = (value - drift[:, np.newaxis, np.newaxis]) / power[:, np.newaxis, np.newaxis]
     phase = np.angle(np.tensordot(np.exp(1j * angle), value, axes=1))
-    ripple, doubt = _ripple(np.where(lit, phase, np.nan), count)
+    # noise of the phase itself would blur the ripple: dark pixels have most of it
+    ripple, doubt = _ripple(np.where(bright, phase, np.nan), count)
     straight = share - ripple(2 * np.pi * share) / (2 * np.pi)
     true = (phase[lit] - ripple(phase[lit]))[::thin]
     parts = np.stack([np.cos(h * (true - angle[:, np.newaxis])) for h in range(OVERTONES)])
@@ -181,10 +185,10 @@ def learn_phase(frames: Frames, axis: Axis, noise: float) -> PhaseModel:
     return PhaseModel(power, drift, harmonics, straight, float(np.hypot(doubt, left)) / (2 * np.pi))
 
 
-def _lines(frames: Frames, axis: Axis, noise: float, down: bool) -> tuple[F64, npt.NDArray[np.bool_]]:
+def _lines(frames: Frames, axis: Axis, noise: float, down: bool) -> tuple[F64, Mask, Mask]:
     """Steps along some rows of the image, or `down` some columns, of white minus black: (step, line, pixel).
 
-    And which pixels are lit, and not saturated in any frame.
+    And which pixels are lit and not saturated in any frame, and those of them that are not dark.
     """
     white, black = white_and_black(frames)
     chosen = frames.stack[[white, black, *_steps(frames, axis)]]
@@ -193,12 +197,16 @@ def _lines(frames: Frames, axis: Axis, noise: float, down: bool) -> tuple[F64, n
     some = chosen[:, lines].astype(np.float64)
     light = some[0] - some[1]
     lit = (light > 6 * sqrt(2) * noise) & (some.max(axis=0) < np.iinfo(frames.stack.dtype).max)
-    return (some[2:] - some[1]) / np.where(lit, light, 1.0), lit
+    return (
+        (some[2:] - some[1]) / np.where(lit, light, 1.0),
+        lit,
+        lit & (light > DARK * np.median(light[lit]) if lit.any() else lit),
+    )
 
 
-def _turns(lines: tuple[F64, npt.NDArray[np.bool_]]) -> float:
+def _turns(lines: tuple[F64, Mask, Mask]) -> float:
     """How far the phase turns from pixel to pixel."""
-    value, lit = lines
+    value, lit, _ = lines
     angle = 2 * np.pi * np.arange(len(value)) / len(value)
     phasor = np.where(lit, np.tensordot(np.exp(1j * angle), value, axes=1), 0)
     turn = np.abs(np.angle(phasor[:, 1:] * phasor[:, :-1].conj()))[lit[:, 1:] & lit[:, :-1]]
@@ -287,15 +295,19 @@ def _ripple(phase: F64, count: int) -> tuple[_Waves, float]:
         return none, 0.02
     parts = [_wave_parts(waves, place[good]) for place in (before, here, after)]
     design, bent = (parts[0] - 2 * parts[1] + parts[2]).T, bend[good]
-    inside, rest = np.ones(len(bent), np.bool_), bent
-    for _ in range(6):
-        normal = design[inside].T @ design[inside]
-        variance = max(float(rest[inside].var()), 1e-9)
-        spread = np.linalg.inv(normal / (CORRELATED * variance) + np.eye(len(normal)) / RIPPLE_PRIOR**2)
-        found = spread @ (design[inside].T @ bent[inside]) / (CORRELATED * variance)
+    rest = bent
+    for _ in range(8):
+        scale = max(1.4826 * float(np.median(np.abs(rest))), 1e-6)
+        weight = 1 / (scale**2 + rest**2)  # Cauchy's: most of a surface is smooth, and some of it is not at all
+        some = design * weight[:, np.newaxis]
+        known = some.T @ design
+        prior = np.eye(len(known)) / RIPPLE_PRIOR**2
+        found = np.linalg.solve(known + prior, some.T @ bent)
         rest = bent - design @ found
-        inside = np.abs(rest) <= 3 * 1.4826 * np.median(np.abs(rest[inside])) + 1e-9
-    return _Waves(waves, found), float(np.sqrt(np.trace(spread) / 2))
+    inverse = np.linalg.inv(known + prior)
+    some *= rest[:, np.newaxis]
+    spread = inverse @ (some.T @ some) @ inverse * CORRELATED
+    return _Waves(waves, np.asarray(found, np.float64)), float(np.sqrt(np.trace(spread) / 2))
 
 
 def _wrapped(angle: F64) -> F64:

@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from .slabs import in_slabs
 
-__all__ = ["keep_surfaces"]
+__all__ = ["keep_surfaces", "rise_px"]
 
 F32 = npt.NDArray[np.float32]
 
@@ -36,7 +36,7 @@ def keep_surfaces(found: F32, spread: F32, misfit: F32, place: F32, sigma: F32, 
     cell_px : float
         Width of the finest stripes.
     """
-    rise = STEEP * _rise_px(found)
+    rise = STEEP * rise_px(found)
     flat, broken = max(1.0, 0.5 * cell_px), rise + 2 * max(cell_px, 1.0)
     in_slabs(
         len(found),
@@ -44,7 +44,7 @@ def keep_surfaces(found: F32, spread: F32, misfit: F32, place: F32, sigma: F32, 
     )
 
 
-def _rise_px(place: F32) -> float:
+def rise_px(place: F32) -> float:
     """How much the place changes from pixel to pixel where nothing breaks off."""
     most = 0.0
     for step in (np.diff(place[::4], axis=1), np.diff(place[:, ::4], axis=0)):

@@ -5,13 +5,15 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-from .stripe_model import WIDTH
+from .stripe_model import DOUBT, WIDTH
 
-__all__ = ["locate_pixels", "tile_power"]
+__all__ = ["locate_pixels", "reject_washed", "tile_power"]
 
 ROOM = 512  # projector pixels that may be compared for one pixel
 STRIDE = 2  # every other sample is enough to find the best
 FAR = 1e30
+BLANK = 4  # so many patterns at once that are neither black nor white are a boundary of all, or light from elsewhere
+PLAIN = 0.1  # mean square of the swings of a pattern that blur leaves plain to see
 CUT_OFF = 0.02  # variance of swings where white is saturated: they are too large, by how much is not known
 LOOSE = {"reassoc", "contract", "arcp", "nsz"}  # sums may be reordered: what vector instructions need
 
@@ -145,6 +147,7 @@ def locate_pixels(  # type: ignore[no-untyped-def]  # a kernel: numba infers the
     sigma,
     cost,
     coarser,
+    blank,
 ):
     """Find where on the projector each pixel of some rows looks.
 
@@ -178,6 +181,8 @@ def locate_pixels(  # type: ignore[no-untyped-def]  # a kernel: numba infers the
         Filled; NaN where not found, `cost` where unlit.
     coarser : ndarray of uint8, shape (len(rows), column)
         Filled: how many of the finest patterns the noise hides.
+    blank : ndarray of bool, shape (len(rows), column)
+        Filled: whether the place is one at which `BLANK` and more patterns are neither black nor white.
     """
     W = stack.shape[2]
     full = np.iinfo(stack.dtype).max
@@ -190,7 +195,7 @@ def locate_pixels(  # type: ignore[no-untyped-def]  # a kernel: numba infers the
         i = rows[n]
         guess = -1
         for j in range(W):
-            place[n, j], sigma[n, j], cost[n, j] = nan, nan, nan
+            place[n, j], sigma[n, j], cost[n, j], blank[n, j] = nan, nan, nan, False
             w, k = np.float32(stack[white, i, j]), np.float32(stack[black, i, j])
             light = w - k
             if light < lit:
@@ -268,5 +273,46 @@ def locate_pixels(  # type: ignore[no-untyped-def]  # a kernel: numba infers the
             while hidden < bits - 1 and power[level, bits - 1 - hidden] < q:
                 hidden += 1
             coarser[n, j] = hidden
+            grey = 0
+            for bit in range(bits):
+                grey += abs(here[bit]) < DOUBT and power[level, bit] > PLAIN
+            blank[n, j] = grey >= BLANK
             place[n, j] = (found + np.float32(0.5)) / per_px - np.float32(0.5)
             sigma[n, j] = min(spread, np.float32(near)) / per_px
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def reject_washed(place, blank, away, same_px, first, last, washed):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """Tell the pixels that read as a boundary of many patterns because light from elsewhere has washed them all out.
+
+    On a surface the neighbours at a distance are at other places, those along the boundary aside; in a washed out patch
+    they read as the same one, beyond its rim aside.
+
+    Parameters
+    ----------
+    place : ndarray of float32, shape (row, column)
+    blank : ndarray of bool, shape (row, column)
+        Of `locate_pixels`.
+    away : int
+        Camera px in which a surface passes the boundary.
+    same_px : float
+    first, last : int
+        Rows to do.
+    washed : ndarray of bool, shape (row, column)
+        Filled.
+    """
+    H, W = place.shape
+    for i in range(first, last):
+        for j in range(W):
+            washed[i, j] = False
+            if not blank[i, j]:
+                continue
+            same, other = 0, 0
+            for a, b in ((-away, 0), (away, 0), (0, -away), (0, away)):
+                if 0 <= i + a < H and 0 <= j + b < W:
+                    beside = place[i + a, j + b]
+                    if abs(beside - place[i, j]) < same_px:
+                        same += 1
+                    elif beside == beside:
+                        other += 1
+            washed[i, j] = same >= 3 or (same > 0 and other == 0)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from .codebook import stripe_planes
 from .patterns import AXES, Axis, PatternSet
 
-__all__ = ["WIDTH", "SwingModel", "apart", "swing_model"]
+__all__ = ["DOUBT", "WIDTH", "SwingModel", "apart", "swing_model"]
 
 F32 = npt.NDArray[np.float32]
 I32 = npt.NDArray[np.int32]

@@ -9,7 +9,7 @@ until the second finest stripes are lost too. The nearest point of the curve is 
 
 from __future__ import annotations
 
-from math import sqrt
+from math import ceil, sqrt
 
 import numpy as np
 import numpy.typing as npt
@@ -18,9 +18,9 @@ from ..scan import LEVEL_NONE
 from .frames import Frames
 from .patterns import AXES, Axis
 from .pixel_maps import Decoded
-from .settle import keep_surfaces
+from .settle import keep_surfaces, rise_px
 from .slabs import in_slabs
-from .stripe_kernels import locate_pixels, tile_power
+from .stripe_kernels import locate_pixels, reject_washed, tile_power
 from .stripe_model import SwingModel, apart, swing_model
 from .surface_light import white_and_black
 
@@ -28,6 +28,7 @@ __all__ = ["decode_stripes"]
 
 F32 = npt.NDArray[np.float32]
 U8 = npt.NDArray[np.uint8]
+Mask = npt.NDArray[np.bool_]
 I64 = npt.NDArray[np.int64]
 
 TILE = 16
@@ -35,9 +36,11 @@ TILE = 16
 FINE = 3
 """By so many of the finest patterns: the coarser ones hardly know blur."""
 FLOOR = 0.02
-"""Least error of the model, of the swing; more where the capture itself shows more."""
+"""Least error of the model, of the swing; up to three times more where the capture itself shows more."""
 MARGIN = 20.0
 """The best place costs so much less than any far one: a likelihood of 1 to 20,000."""
+PASSED_CELLS, MOST_AWAY = 1.5, 32
+"""A surface has passed a boundary after so many cells; but no farther than so many camera pixels is looked."""
 TRIAL_ROWS = 24
 GROSS = 0.3
 """A swing that misses the model by more tells nothing of flicker."""
@@ -77,13 +80,18 @@ def _along(job: _Job, place: F32, sigma: F32) -> U8:
     rows = len(place)
     found, spread, cost = np.empty((3, *place.shape), np.float32)
     coarser = np.zeros(place.shape, np.uint8)
+    blank, washed = np.empty((2, *place.shape), np.bool_)
 
     def locate(first: int, last: int) -> None:
         part = slice(first, last)
-        job.locate(np.arange(first, last), found[part], spread[part], cost[part], coarser[part])
+        job.locate(np.arange(first, last), found[part], spread[part], cost[part], coarser[part], blank[part])
 
     job.learn()
     in_slabs(rows, locate)
+    away = min(MOST_AWAY, min(place.shape) // 8, ceil(PASSED_CELLS * job.model.cell_px / max(rise_px(found), 0.05)))
+    same_px = 0.5 * job.model.cell_px
+    in_slabs(rows, lambda first, last: reject_washed(found, blank, away, same_px, first, last, washed))
+    found[washed] = np.nan
     keep_surfaces(found, spread, cost / job.model.bits, place, sigma, cell_px=job.model.cell_px)
     return coarser
 
@@ -143,7 +151,7 @@ class _Job:
         blur: U8 = np.searchsorted(-between, -share).astype(np.uint8)
         return blur
 
-    def locate(self, rows: I64, place: F32, sigma: F32, cost: F32, coarser: U8) -> None:
+    def locate(self, rows: I64, place: F32, sigma: F32, cost: F32, coarser: U8, blank: Mask) -> None:
         """Fill the arrays for some rows, by `stripe_kernels.locate_pixels`."""
         model = self.model
         locate_pixels(
@@ -176,6 +184,7 @@ class _Job:
             sigma,
             cost,
             coarser,
+            blank,
         )
 
     def learn(self) -> None:
@@ -184,12 +193,13 @@ class _Job:
         rows = np.unique(np.linspace(0, height - 1, TRIAL_ROWS).astype(np.int64))
         place, sigma, cost = np.empty((3, len(rows), width), np.float32)
         coarser = np.empty((len(rows), width), np.uint8)
+        blank = np.empty((len(rows), width), np.bool_)
         self.floor = 3 * FLOOR  # before flicker is known
-        self.locate(rows, place, sigma, cost, coarser)
+        self.locate(rows, place, sigma, cost, coarser, blank)
         self._learn_flicker(rows, place)
         self.floor = FLOOR
-        for _ in range(6):
-            self.locate(rows, place, sigma, cost, coarser)
+        for _ in range(4):
+            self.locate(rows, place, sigma, cost, coarser, blank)
             known = cost[np.isfinite(cost)]
             if not known.size or np.median(known) < self.model.bits - 1:
                 return
