@@ -9,7 +9,6 @@ from .stripe_model import DOUBT, WIDTH
 
 __all__ = ["locate_pixels", "reject_washed", "tile_power"]
 
-ROOM = 512  # projector pixels that may be compared for one pixel
 STRIDE = 2  # every other sample is enough to find the best
 FAR = 1e30
 BLANK = 4  # so many patterns at once that are neither black nor white are a boundary of all, or light from elsewhere
@@ -76,7 +75,7 @@ def _cost(seen, swing, loose, q, more):  # type: ignore[no-untyped-def]  # a ker
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _scan(seen, word, near, swing, first, candidate, per_px, distances, samples):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     """The sample most like what is seen among the candidates of a word, and the most like it of those not near it."""
-    count = min(first[word + 1] - first[word], ROOM)
+    count = first[word + 1] - first[word]
     best, at = np.float32(FAR), -1
     for c in range(count):
         start = candidate[first[word] + c] * per_px
@@ -187,7 +186,11 @@ def locate_pixels(  # type: ignore[no-untyped-def]  # a kernel: numba infers the
     W = stack.shape[2]
     full = np.iinfo(stack.dtype).max
     seen = np.zeros(WIDTH, np.float32)
-    distances, samples = np.empty(ROOM, np.float32), np.empty(ROOM, np.int32)
+    room = 2 * near + 2
+    for level in range(len(first)):
+        for candidates in range(first.shape[1] - 1):
+            room = max(room, first[level, candidates + 1] - first[level, candidates])
+    distances, samples = np.empty(room, np.float32), np.empty(room, np.int32)
     above = np.full(W, -1, np.int32)
     last = swing.shape[1] - 1
     nan = np.float32(np.nan)
