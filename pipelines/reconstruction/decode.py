@@ -32,13 +32,14 @@ def decode(
     A pixel is lit if white minus black exceeds six standard deviations of its noise. A bit is certain if pattern
     minus inverse (without inverses: twice the pattern minus white and black) exceeds `relative` of white minus
     black and three standard deviations of its noise. One bit may be uncertain where flipping it leads to the cell
-    next door: that is the edge it lies on.
+    next door: that is the edge it lies on. Of stripes and phase sets places are found to sub-pixel at once
+    (`stripes.decode_stripes`, `phase.decode_phase`).
 
     Parameters
     ----------
     frames : Frames
     relative : float
-        Least swing of a certain bit, of white minus black.
+        Least swing of a certain bit of Gray code, of white minus black.
     noise : float, optional
         Standard deviation of a pixel's value, in the frames' own counts; estimated from the frames if absent.
     into : Decoded, optional
