@@ -7,13 +7,14 @@ from math import ceil, sqrt
 import numpy as np
 import numpy.typing as npt
 
-from ..scan import LEVEL_NONE
 from .codebook import MAX_BITS, Codebook
 from .frames import Frames
 from .kernels import decode_words
 from .patterns import AXES, PatternSet
+from .phase import decode_phase
 from .pixel_maps import Decoded
-from .refine_kernels import reject_loners, unwrap_phase
+from .stripes import decode_stripes
+from .surface_light import show_light
 
 __all__ = ["decode"]
 
@@ -21,8 +22,6 @@ RUNS, RUN = 16, 32
 """Noise is estimated from this many runs of this many neighbouring pixels (scattered single ones cost a cache miss)."""
 ROUNDING = 0.29
 """Standard deviation of rounding to whole counts, 1 / sqrt(12)."""
-AGREE_CELLS = 4
-"""Neighbours along a row agree if they differ by at most so many of the widest cells."""
 
 
 def decode(
@@ -33,13 +32,14 @@ def decode(
     A pixel is lit if white minus black exceeds six standard deviations of its noise. A bit is certain if pattern
     minus inverse (without inverses: twice the pattern minus white and black) exceeds `relative` of white minus
     black and three standard deviations of its noise. One bit may be uncertain where flipping it leads to the cell
-    next door: that is the edge it lies on.
+    next door: that is the edge it lies on. Of stripes and phase sets places are found to sub-pixel at once
+    (`stripes.decode_stripes`, `phase.decode_phase`).
 
     Parameters
     ----------
     frames : Frames
     relative : float
-        Least swing of a certain bit, of white minus black.
+        Least swing of a certain bit of Gray code, of white minus black.
     noise : float, optional
         Standard deviation of a pixel's value, in the frames' own counts; estimated from the frames if absent.
     into : Decoded, optional
@@ -70,7 +70,10 @@ def decode(
         into = _room(rows, columns)
     elif into.column.shape != (rows, columns):
         raise ValueError(f"frames are {columns}x{rows}, `into` is {into.column.shape[1]}x{into.column.shape[0]}")
-    level = into.level
+    if patterns.kind != "gray":
+        show_light(frames, into)
+        (decode_stripes if patterns.kind == "stripes" else decode_phase)(frames, sd, into)
+        return into
     decode_words(
         stack,
         frame_of(patterns, "white"),
@@ -87,23 +90,10 @@ def decode(
         into.row.reshape(-1),
         into.sigma_column.reshape(-1),
         into.sigma_row.reshape(-1),
-        level.reshape(-1),
+        into.level.reshape(-1),
         into.texture.reshape(-1),
         into.contrast.reshape(-1),
     )
-    if patterns.kind != "gray":
-        for number, axis in enumerate(AXES):
-            book = books[number]
-            if book is None:
-                continue
-            place, sigma = ((into.column, into.sigma_column), (into.row, into.sigma_row))[number]
-            if patterns.kind == "phase":
-                steps = np.array([n for n, r in enumerate(patterns.roles) if (r.what, r.axis) == ("phase", axis)])
-                length = patterns.size[number]
-                unwrap_phase(stack, steps, patterns.period_px(axis), length, sd, place.reshape(-1), sigma.reshape(-1))
-            else:
-                reject_loners(place, sigma, AGREE_CELLS * float(book.width.max()))
-            level[np.isnan(place)] = LEVEL_NONE
     return into
 
 

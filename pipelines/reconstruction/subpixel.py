@@ -39,7 +39,8 @@ def refine(frames: Frames, decoded: Decoded) -> Decoded:
 
     Along the image direction in which an axis grows faster, the two edges of the pixel's cell are where the bit that
     flips there crosses zero, to a fraction of a camera pixel; between them the position is linear. Pixels without an
-    edge on both sides keep the middle of their cell and its sigma. Phase sets have no cells and are left alone.
+    edge on both sides keep the middle of their cell and its sigma. Stripes and phase
+    sets are placed by `decode` already and left alone.
 
     Parameters
     ----------
@@ -52,7 +53,7 @@ def refine(frames: Frames, decoded: Decoded) -> Decoded:
     Decoded
     """
     patterns = frames.patterns
-    if patterns.kind == "phase":
+    if patterns.kind != "gray":
         return decoded
     bits, plus, minus = frame_indices(patterns)
     stack = np.ascontiguousarray(frames.stack)
