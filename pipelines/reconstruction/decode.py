@@ -12,8 +12,9 @@ import numpy.typing as npt
 
 from ..scan import LEVEL_NONE
 from .cells import AxisCells, Cells, gray_cells
+from .fallback import fall_back
 from .frames import Frames
-from .kernels import decode_gray, decode_table
+from .kernels import TILE, decode_gray, decode_table
 from .light import ROUNDING, frame_indices, frame_of, read_light
 from .patterns import AXES, Axis, PatternSet
 from .pixel_maps import Decoded
@@ -33,7 +34,8 @@ def decode(
     A pixel is lit if white minus black exceeds six standard deviations of its noise. A bit is certain if pattern
     minus inverse (without inverses: twice the pattern minus white and black) exceeds `relative` of white minus
     black and three standard deviations of its noise. One bit may be uncertain where flipping it leads to the cell
-    next door: that is the edge it lies on.
+    next door: that is the edge it lies on. Where the finest stripes of a Gray code are not resolved, in tiles of 16
+    pixels of which more than half are not certain of them, the next coarser ones are used, and `level` says so.
 
     Parameters
     ----------
@@ -126,8 +128,28 @@ def _cells(given: _Pass, rows: int, columns: int, into: Cells | None) -> Cells:
     steps = into.steps if into else (np.empty((rows, columns), np.uint16), np.empty((rows, columns), np.uint16))
     contrast = into.contrast if into else np.empty((rows, columns), np.uint8)
     numbers = np.array([(axis.lowest, axis.highest) if axis else (0, 0) for axis in axes])
-    flat = steps[0].reshape(-1), steps[1].reshape(-1), contrast.reshape(-1)
-    decode_gray(given.stack, *given.frames, numbers, *flat)
+    suspects = np.zeros((2, -(-rows // TILE), columns // TILE * TILE), np.uint8)
+    white, black, plus, minus, bits, share, limits = given.frames
+    decode_gray(
+        given.stack, white, black, plus, minus, bits, share, limits, numbers, *steps, contrast.reshape(-1), suspects
+    )
+    if given.patterns.kind == "gray":  # what numbers the periods of sinusoids has wide cells
+        stack = given.stack.reshape(-1, rows, columns)
+        for n, step in enumerate(steps):
+            if bits[n] > 1:
+                fall_back(
+                    stack,
+                    white,
+                    black,
+                    plus[n],
+                    minus[n],
+                    int(bits[n]),
+                    int(share[0]),
+                    limits,
+                    numbers[n],
+                    suspects[n].view(np.uint64),
+                    step,
+                )
     return Cells(steps, (axes[0], axes[1]), given.noise, given.texture(rows, columns), contrast)
 
 

@@ -138,6 +138,13 @@ def _edges_between(before, here):  # type: ignore[no-untyped-def]  # numba infer
     return far >> 1, near >> 1
 
 
+@nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _wider(step):  # type: ignore[no-untyped-def]  # numba infers
+    """Square of how many of the finest cells a cell is wide."""
+    wide = np.int64(step) & -np.int64(step)
+    return np.float32(wide * wide)
+
+
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _changes(before, here, found):  # type: ignore[no-untyped-def]  # numba infers
     """Where two lines differ: fills `found`, gives how many. Without a branch, which could not be foreseen."""
@@ -180,10 +187,11 @@ def along_rows(pictures, steps, contrast, keep, first, last, cells, fine, spread
                     filled = True
                     per = one / length
                     e0, e1 = error * rise * per, noise * inverse * rise * per
+                    rough = flat * _wider(here)
                     for m in range(start, j):
                         share = min(max((np.float32(m) - behind) * per, np.float32(0)), one)
                         place[np.uintp(m)] = value + share * rise
-                        variance[np.uintp(m)] = ((one - share) * e0) ** 2 + (share * e1) ** 2 + flat
+                        variance[np.uintp(m)] = ((one - share) * e0) ** 2 + (share * e1) ** 2 + rough
             if not (filled or keep):
                 centre, width = middle[here], wide[here] * wide[here]
                 for m in range(start, j):
@@ -236,11 +244,11 @@ def along_columns(pictures, steps, contrast, keep, first, last, cells, fine, spr
                     filled = True
                     per = one / length
                     e0, e1 = error[n] * rise * per, noise * inverse * rise * per
-                    b, v = behind[n], value[n]
+                    b, v, rough = behind[n], value[n], flat * _wider(here)
                     for m in range(start[n], i):
                         share = min(max((np.float32(m) - b) * per, np.float32(0)), one)
                         fine[np.uintp(m), j] = v + share * rise
-                        spread[np.uintp(m), j] = ((one - share) * e0) ** 2 + (share * e1) ** 2 + flat
+                        spread[np.uintp(m), j] = ((one - share) * e0) ** 2 + (share * e1) ** 2 + rough
             if not (filled or keep):
                 centre, width = middle[here], wide[here] * wide[here]
                 for m in range(start[n], i):

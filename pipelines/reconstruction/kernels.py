@@ -14,12 +14,15 @@ import numpy.typing as npt
 
 from .apart import read, write
 
-__all__ = ["NO_CELL", "decode_gray", "decode_table"]
+__all__ = ["NO_CELL", "TILE", "decode_gray", "decode_table"]
 
 BLOCK = 65536
 GROUP = 5  # bits that are read at a time
 GROUPS = 3  # words have at most 15
 MOST_DOUBTS = 5
+TILE = 16
+"""Camera pixels along the side of a tile in which the finest stripes are resolved, or not."""
+EVERY = 5  # rows of a tile in which doubts are counted
 NO_CELL = 0
 """Half step of a pixel that was not decoded."""
 
@@ -174,6 +177,22 @@ def _half_step(word, doubt, low, wide):  # type: ignore[no-untyped-def]  # numba
     return word16(word16(number << one) | one) if good else none
 
 
+@numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
+def _count_doubts(coarse: U8, fine: U8, start: int, columns: int, suspects: U8) -> None:
+    """Count, down the columns of tiles, pixels certain of the coarse bits (+ 1), and not of the finest (+ 16)."""
+    none, one, four = np.uint8(0), np.uint8(1), np.uint8(4)
+    row = (start + columns - 1) // columns
+    while (row + 1) * columns - start <= fine.size:
+        if row % TILE % EVERY == 0:
+            first = row * columns - start
+            line = suspects[row // TILE]
+            whole, part = coarse[first : first + columns], fine[first : first + columns]
+            for n in range(line.size):
+                sure = one if whole[n] == none else none
+                line[n] = np.uint8(line[n] + np.uint8(sure | np.uint8(np.uint8(part[n] & sure) << four)))
+        row += 1
+
+
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
 def decode_gray(
     stack: U8 | U16,
@@ -188,6 +207,7 @@ def decode_gray(
     column: U16,
     row: U16,
     contrast: U8,
+    suspects: U8,
 ) -> None:
     """Decode Gray code on both axes; `decode.decode` says what the numbers mean.
 
@@ -205,11 +225,15 @@ def decode_gray(
         Least swing of a certain bit, least white minus black, counts.
     numbers : ndarray, shape (2, 2)
         Lowest and highest number of a cell on each axis.
-    column, row : ndarray of uint16, shape (pixel,)
+    column, row : ndarray of uint16, shape (row, column)
         Filled: the middle of the pixel's cell, in half cells from the beginning of the code; `NO_CELL` if none.
     contrast : ndarray of uint8, shape (pixel,)
         Filled: white minus black, 8 bits.
+    suspects : ndarray of uint8, shape (2, tile, column)
+        Zeros; filled by axis, 16 rows and column, from some of these rows: how many pixels are certain of the coarse
+        bits, and 16 times how many of these are in doubt of the finest.
     """
+    columns = column.shape[1]
     limit, middle = np.empty(BLOCK, stack.dtype), np.empty(BLOCK, stack.dtype)
     word, doubt = np.empty((GROUPS, BLOCK), np.uint8), np.empty((GROUPS, BLOCK), np.uint8)
     halves = 1 if minus[0, 0] < 0 and minus[1, 0] < 0 else 0
@@ -221,7 +245,7 @@ def decode_gray(
         if halves:
             _mean(w, b, relative, middle[:size])
         for axis in range(2):
-            place = column[start:stop] if axis == 0 else row[start:stop]
+            place = column.reshape(-1)[start:stop] if axis == 0 else row.reshape(-1)[start:stop]
             if bits[axis] == 0:
                 place[:] = np.uint16(NO_CELL)
                 continue
@@ -240,6 +264,7 @@ def decode_gray(
                 doubt,
             )
             low, high = numbers[axis]
+            _count_doubts(doubt[groups - 2, :size], doubt[groups - 1, :size], start, columns, suspects[axis])
             if groups == GROUPS:
                 _half_steps_long(word, doubt, size, low, high - low, place)
             else:

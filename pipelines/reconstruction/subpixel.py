@@ -116,7 +116,7 @@ def _between_edges(
         noise=np.float32(noise * np.sqrt(2 if patterns.complementary else 6)),
         flat=np.float32(FLAT_PX**2 + (BENT_PX * density**2) ** 2),
     )
-    reach = max(1, min(round(1 / max(density, 1e-3)), REACH))
+    reach = max(0, min(round(1 / max(density, 1e-3)), REACH, (min(steps.shape) - 1) // 2))
     keep = not isinstance(decoded, Cells)
     run = along_columns if down else along_rows
 
