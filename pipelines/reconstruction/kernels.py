@@ -16,7 +16,7 @@ from .apart import read, write
 
 __all__ = ["NO_CELL", "TILE", "decode_gray", "decode_table"]
 
-BLOCK = 65536
+BLOCK = 131072
 GROUP = 5  # bits that are read at a time
 GROUPS = 3  # words have at most 15
 MOST_DOUBTS = 5
