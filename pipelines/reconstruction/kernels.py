@@ -2,25 +2,29 @@
 
 A stack is (frame, pixel). A block of pixels is decoded from the first frame to the last before the next block, so that
 words, doubts and limits stay in cache and every byte of the stack is read from memory once. The loops compare and
-shift without branches and read few arrays each: then the compiler can prove that they do not overlap what is
-written, and uses vector instructions.
+shift without branches, five patterns and their inverses at a time, so that the compiler uses vector instructions
+(`apart` says how it is brought to). Blocks are long because memory is: each new place in it starts slowly.
 """
 
 from __future__ import annotations
-
-from math import sqrt
 
 import numba
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["decode_words"]
+from .apart import read, write
 
-BLOCK = 16384
-GROUPS = 5  # of three bits: words have at most 15
-NOT_MEASURED = 255
+__all__ = ["NO_CELL", "TILE", "decode_gray"]
+
+BLOCK = 131072
+GROUP = 5  # bits that are read at a time
+GROUPS = 3  # words have at most 15
 MOST_DOUBTS = 5
-NO_WORD = 0xFFFF
+TILE = 16
+"""Camera pixels along the side of a tile in which the finest stripes are resolved, or not."""
+EVERY = 5  # rows of a tile in which doubts are counted
+NO_CELL = 0
+"""Half step of a pixel that was not decoded."""
 
 U8 = npt.NDArray[np.uint8]
 U16 = npt.NDArray[np.uint16]
@@ -30,169 +34,167 @@ I64 = npt.NDArray[np.int64]
 
 
 @numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
-def _three(p0: U8, n0: U8, p1: U8, n1: U8, p2: U8, n2: U8, limit: U8, code: U8) -> None:
-    """Three bits of a block: word in bits 0-2 of `code`, doubts in bits 4-6."""
+def _light(w: U8, b: U8, relative: U16, floor: int, least: int, halves: int, contrast: U8, limit: U8) -> None:
+    """White minus black, 8 bits, and the least swing of a certain bit: all that there is where a pixel is unlit."""
     narrow = limit.dtype.type  # numba widens to 64 bits, which costs the vectors their width
-    for i in range(code.size):
-        a0, b0, a1, b1, a2, b2 = p0[i], n0[i], p1[i], n1[i], p2[i], n2[i]
-        least = limit[i]
-        one = np.uint8(4) if a0 > b0 else np.uint8(0)
-        two = np.uint8(2) if a1 > b1 else np.uint8(0)
-        four = np.uint8(1) if a2 > b2 else np.uint8(0)
-        eight = np.uint8(64) if least > narrow(max(a0, b0) - min(a0, b0)) else np.uint8(0)
-        nine = np.uint8(32) if least > narrow(max(a1, b1) - min(a1, b1)) else np.uint8(0)
-        ten = np.uint8(16) if least > narrow(max(a2, b2) - min(a2, b2)) else np.uint8(0)
-        code[i] = one | two | four | eight | nine | ten
-
-
-@numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
-def _one(p: U8, n: U8, limit: U8, code: U8) -> None:
-    """One bit of a block: word in bit 0 of `code`, doubt in bit 4."""
-    narrow = limit.dtype.type
-    for i in range(code.size):
-        a, b = p[i], n[i]
-        word = np.uint8(1) if a > b else np.uint8(0)
-        doubt = np.uint8(16) if limit[i] > narrow(max(a, b) - min(a, b)) else np.uint8(0)
-        code[i] = word | doubt
-
-
-@numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
-def _join(coarse: U8, fine: U8) -> None:
-    """Two codes of one bit to one of two bits, in `fine`."""
-    for i in range(fine.size):
-        fine[i] = np.uint8(coarse[i] + coarse[i]) | fine[i]
-
-
-@numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
-def _light(w: U8, b: U8, swing: U8, middle: U8, limit: U8, relative: U16, floor: int, halves: int) -> None:
-    """White minus black (0 where black is brighter), their mean, and the least swing of a certain bit."""
-    narrow = swing.dtype.type
     wide = relative.dtype.type  # twice as wide as a pixel, and no wider
-    share = wide(relative[0] >> halves)
-    lowest = narrow(floor)
-    for i in range(swing.size):
-        swing[i] = narrow(max(w[i], b[i]) - b[i])
-    if halves:
-        for i in range(swing.size):
-            middle[i] = wide(wide(w[i]) + wide(b[i])) >> wide(1)
-    for i in range(swing.size):
-        part = narrow(wide(wide(swing[i]) * share) >> wide(8))
-        limit[i] = max(part, lowest)
-
-
-@numba.njit(cache=True, nogil=True, inline="never", error_model="numpy", fastmath=True)  # type: ignore[untyped-decorator]
-def _spread(swing: U8, jitter: float, spread: F32) -> None:
-    """Standard uncertainty in cells, sqrt(1/12 + (jitter / swing)^2): uniform in a cell, and the noise of its edges.
-
-    The root is its series to the third power, right to 5e-4 where the swing of a lit pixel is at least 6 jitters.
-    """
-    noise = np.float32(jitter * sqrt(12.0))
-    one, half, eighth, sixteenth = np.float32(1), np.float32(0.5), np.float32(0.125), np.float32(0.0625)
-    uniform = np.float32(1 / sqrt(12.0))
-    for i in range(swing.size):
-        ratio = noise / np.float32(swing[i])
-        u = ratio * ratio
-        spread[i] = uniform * (one + u * (half - u * (eighth - u * sixteenth)))
+    share, lowest, lit, top = (
+        wide(relative[0] >> halves),
+        narrow(floor),
+        narrow(least),
+        narrow(2 ** (8 * w.itemsize) - 1),
+    )
+    for i in range(limit.size):
+        swing = narrow(max(read(w, i), read(b, i)) - read(b, i))
+        part = max(narrow(wide(wide(swing) * share) >> wide(8)), lowest)
+        write(limit, i, part if swing >= lit else top)
+    shift = narrow(8 * (w.itemsize - 1))
+    for i in range(limit.size):
+        swing = narrow(max(read(w, i), read(b, i)) - read(b, i))
+        write(contrast, i, np.uint8(swing >> shift))
 
 
 @numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
-def _number_gray(
-    c0: U8, c1: U8, c2: U8, c3: U8, c4: U8, swing: U8, least: int, lowest: int, highest: int, numbers: U16
+def _mean(w: U8, b: U8, relative: U16, middle: U8) -> None:
+    """Mean of white and black: the threshold where there are no inverses."""
+    wide = relative.dtype.type
+    for i in range(middle.size):
+        write(middle, i, middle.dtype.type(wide(wide(read(w, i)) + wide(read(b, i))) >> wide(1)))
+
+
+@numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
+def _five(
+    p0: U8, n0: U8, p1: U8, n1: U8, p2: U8, n2: U8, p3: U8, n3: U8, p4: U8, n4: U8, limit: U8, word: U8, doubt: U8
 ) -> None:
-    """Codes of all groups to numbers of cells; `NO_WORD` where unlit, outside the axis or in doubt.
-
-    At most one bit may be in doubt, and only where flipping it leads to the cell next door: the bits below it
-    are then 1 and all 0.
-    """
-    lit, low, high = swing.dtype.type(least), np.uint16(lowest), np.uint16(highest)
-    none, one, two, four, eight = np.uint16(0), np.uint16(1), np.uint16(2), np.uint16(4), np.uint16(8)
-    is_word, is_doubt = np.uint16(7), np.uint16(0x70)
-    for i in range(numbers.size):
-        g0, g1, g2, g3, g4 = np.uint16(c0[i]), np.uint16(c1[i]), np.uint16(c2[i]), np.uint16(c3[i]), np.uint16(c4[i])
-        word = np.uint16((g0 & is_word) * np.uint16(4096)) | np.uint16((g1 & is_word) * np.uint16(512))
-        word = np.uint16(word | np.uint16((g2 & is_word) * np.uint16(64)))
-        word = np.uint16(word | np.uint16((g3 & is_word) * eight))
-        word = np.uint16(word | np.uint16(g4 & is_word))
-        doubt = np.uint16((g0 & is_doubt) * np.uint16(256)) | np.uint16((g1 & is_doubt) * np.uint16(32))
-        doubt = np.uint16(doubt | np.uint16((g2 & is_doubt) * four))
-        doubt = np.uint16(doubt | np.uint16(np.uint16(g3 & is_doubt) >> one))
-        doubt = np.uint16(doubt | np.uint16(np.uint16(g4 & is_doubt) >> four))
-        below = np.uint16(doubt - one)
-        # without a doubt `below` is all ones, and the second test would ask for a word of zeros
-        rest = np.uint16(np.uint16(word & below) ^ np.uint16(doubt >> one)) if doubt != none else none
-        fault = np.uint16(np.uint16(doubt & below) | rest)
-        number = np.uint16(word ^ np.uint16(word >> one))
-        number = np.uint16(number ^ np.uint16(number >> two))
-        number = np.uint16(number ^ np.uint16(number >> four))
-        number = np.uint16(number ^ np.uint16(number >> eight))
-        good = (fault == none) & (swing[i] >= lit) & (number >= low) & (number <= high)
-        numbers[i] = number if good else np.uint16(NO_WORD)
-
-
-@numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
-def _place(numbers: U16, scale: float, origin: float, out: F32, level: U8) -> None:
-    """Numbers of cells to their centres; where there is none NaN, and `level` says so."""
-    nan = np.float32(np.nan)
-    step, first = np.float32(scale), np.float32(origin)
-    for i in range(out.size):
-        number = numbers[i]
-        out[i] = np.float32(number) * step + first if number != np.uint16(NO_WORD) else nan
-    for i in range(out.size):
-        level[i] = level[i] if numbers[i] != np.uint16(NO_WORD) else np.uint8(NOT_MEASURED)
-
-
-@numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
-def _uncertainty(place: F32, spread: F32, width: float, sigma: F32) -> None:
-    cell, none = np.float32(width), np.float32(0)
-    for i in range(sigma.size):
-        sigma[i] = cell * spread[i] + none * place[i]  # NaN where the place is
-
-
-@numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
-def _place_table(
-    codes: U8, swing: U8, least: int, cell: I32, first: I32, last: I32, spread: F32, out: F32, sigma: F32
-) -> None:
-    """Words of any code to projector pixels by its codebook, NaN where unlit or ambiguous.
-
-    The cells that agree with every certain bit must be one, or two next to each other: then the pixel lies on
-    their edge, or in that of the two whose word it reads.
-    """
-    for i in range(out.size):
-        out[i] = np.nan
-        sigma[i] = np.nan
-        if swing[i] < least:
-            continue
-        word, doubt = np.int64(0), np.int64(0)
-        for group in range(GROUPS):
-            word = (word << 3) | np.int64(codes[group, i] & 7)
-            doubt = (doubt << 3) | np.int64(codes[group, i] >> 4)
-        own = cell[word]
-        low, high = own, own
-        if doubt:
-            count = 0
-            rest = doubt
-            while rest:
-                rest &= rest - 1
-                count += 1
-            if count > MOST_DOUBTS:
-                continue
-            flip = doubt
-            while flip:  # every way to read the uncertain bits
-                other = cell[word ^ flip]
-                if other >= 0:
-                    low = other if low < 0 else min(low, other)
-                    high = max(high, other)
-                flip = (flip - 1) & doubt
-        if low < 0 or high - low > 1:
-            continue
-        if own >= 0:
-            low = high = own
-        out[i] = 0.25 * (first[low] + last[low] + first[high] + last[high])
-        sigma[i] = spread[i] * 0.5 * (last[low] - first[low] + last[high] - first[high] + 2)
+    """Five bits of a block, and which of them are in doubt."""
+    narrow, byte = limit.dtype.type, np.uint8
+    for i in range(word.size):
+        least = read(limit, i)
+        a0, b0, a1, b1, a2, b2 = read(p0, i), read(n0, i), read(p1, i), read(n1, i), read(p2, i), read(n2, i)
+        a3, b3, a4, b4 = read(p3, i), read(n3, i), read(p4, i), read(n4, i)
+        bits = byte(16) if a0 > b0 else byte(0)
+        bits |= byte(8) if a1 > b1 else byte(0)
+        bits |= byte(4) if a2 > b2 else byte(0)
+        bits |= byte(2) if a3 > b3 else byte(0)
+        bits |= byte(1) if a4 > b4 else byte(0)
+        weak = byte(16) if least > narrow(max(a0, b0) - min(a0, b0)) else byte(0)
+        weak |= byte(8) if least > narrow(max(a1, b1) - min(a1, b1)) else byte(0)
+        weak |= byte(4) if least > narrow(max(a2, b2) - min(a2, b2)) else byte(0)
+        weak |= byte(2) if least > narrow(max(a3, b3) - min(a3, b3)) else byte(0)
+        weak |= byte(1) if least > narrow(max(a4, b4) - min(a4, b4)) else byte(0)
+        write(word, i, bits)
+        write(doubt, i, weak)
 
 
 @numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
-def decode_words(
+def _words(
+    stack: U8 | U16,
+    first: int,
+    last: int,
+    white: int,
+    black: int,
+    plus: I64,
+    minus: I64,
+    bits: int,
+    middle: U8,
+    limit: U8,
+    word: U8,
+    doubt: U8,
+) -> int:
+    """Fill words and doubts of a block in groups of five bits, the finest last; gives how many groups there are.
+
+    Black against white stands for the bits that the coarsest group lacks: a certain 0 where a pixel is lit.
+    """
+    groups = 2 if bits <= 2 * GROUP else GROUPS
+    plain, inverse = np.empty(GROUP, np.int64), np.empty(GROUP, np.int64)
+    for group in range(groups):
+        for place in range(GROUP):
+            bit = bits - GROUP * (groups - group) + place
+            plain[place] = plus[bit] if bit >= 0 else black
+            inverse[place] = minus[bit] if bit >= 0 else white
+        n0 = stack[inverse[0], first:last] if inverse[0] >= 0 else middle
+        n1 = stack[inverse[1], first:last] if inverse[1] >= 0 else middle
+        n2 = stack[inverse[2], first:last] if inverse[2] >= 0 else middle
+        n3 = stack[inverse[3], first:last] if inverse[3] >= 0 else middle
+        n4 = stack[inverse[4], first:last] if inverse[4] >= 0 else middle
+        _five(
+            stack[plain[0], first:last],
+            n0,
+            stack[plain[1], first:last],
+            n1,
+            stack[plain[2], first:last],
+            n2,
+            stack[plain[3], first:last],
+            n3,
+            stack[plain[4], first:last],
+            n4,
+            limit,
+            word[group, : last - first],
+            doubt[group, : last - first],
+        )
+    return groups
+
+
+@numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
+def _half_steps(coarse: U8, fine: U8, unsure: U8, weak: U8, lowest: int, span: int, out: U16) -> None:
+    """Words of a Gray code in two groups, and their doubts, to half steps."""
+    five, low, wide = np.uint16(GROUP), np.uint16(lowest), np.uint16(span)
+    for i in range(out.size):
+        word = np.uint16(np.uint16(np.uint16(read(coarse, i)) << five) | np.uint16(read(fine, i)))
+        doubt = np.uint16(np.uint16(np.uint16(read(unsure, i)) << five) | np.uint16(read(weak, i)))
+        write(out, i, _half_step(word, doubt, low, wide))
+
+
+@numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
+def _half_steps_long(word3: U8, doubt3: U8, size: int, lowest: int, span: int, out: U16) -> None:
+    """As `_half_steps`, of three groups."""
+    five, low, wide = np.uint16(GROUP), np.uint16(lowest), np.uint16(span)
+    for i in range(size):
+        word, doubt = np.uint16(0), np.uint16(0)
+        for group in range(GROUPS):
+            word = np.uint16(np.uint16(word << five) | np.uint16(word3[group, i]))
+            doubt = np.uint16(np.uint16(doubt << five) | np.uint16(doubt3[group, i]))
+        out[i] = _half_step(word, doubt, low, wide)
+
+
+@numba.njit(cache=True, nogil=True)
+def _half_step(word, doubt, low, wide):  # type: ignore[no-untyped-def]  # numba infers
+    """Middle of a word's cell in half cells; `NO_CELL` outside the axis or in doubt. All are of 16 bits.
+
+    At most one bit may be in doubt, and only where flipping it leads to the cell next door: the finest bit, or the
+    one that flips at the other edge of the pair of cells that the finest does not tell apart.
+    """
+    word16 = np.uint16
+    none, one, two, four, eight = word16(0), word16(1), word16(2), word16(4), word16(8)
+    number = word16(word ^ word16(word >> one))
+    number = word16(number ^ word16(number >> two))
+    number = word16(number ^ word16(number >> four))
+    number = word16(number ^ word16(number >> eight))
+    pair = word16(word16(number + one) & word16(0xFFFE))
+    other = word16(pair & word16(none - pair))  # its lowest bit
+    good = (doubt == none) | (doubt == one) | (doubt == other)
+    good &= word16(number - low) <= wide
+    return word16(word16(number << one) | one) if good else none
+
+
+@numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
+def _count_doubts(coarse: U8, fine: U8, start: int, columns: int, suspects: U8) -> None:
+    """Count, down the columns of tiles, pixels certain of the coarse bits (+ 1), and not of the finest (+ 16)."""
+    none, one, four = np.uint8(0), np.uint8(1), np.uint8(4)
+    row = (start + columns - 1) // columns
+    while (row + 1) * columns - start <= fine.size:
+        if row % TILE % EVERY == 0:
+            first = row * columns - start
+            line = suspects[row // TILE]
+            whole, part = coarse[first : first + columns], fine[first : first + columns]
+            for n in range(line.size):
+                sure = one if whole[n] == none else none
+                line[n] = np.uint8(line[n] + np.uint8(sure | np.uint8(np.uint8(part[n] & sure) << four)))
+        row += 1
+
+
+@numba.njit(cache=True, nogil=True)  # type: ignore[untyped-decorator]
+def decode_gray(
     stack: U8 | U16,
     white: int,
     black: int,
@@ -201,18 +203,13 @@ def decode_words(
     bits: I64,
     relative: U16,
     limits: tuple[int, int],
-    cells: F32,
-    table: I32,
-    jitter: float,
-    column: F32,
-    row: F32,
-    sigma_column: F32,
-    sigma_row: F32,
-    level_map: U8,
-    texture_map: U8,
-    contrast_map: U8,
+    numbers: I64,
+    column: U16,
+    row: U16,
+    contrast: U8,
+    suspects: U8,
 ) -> None:
-    """Decode the stripe patterns of both axes; `decode.decode` says what the numbers mean.
+    """Decode Gray code on both axes; `decode.decode` says what the numbers mean.
 
     Parameters
     ----------
@@ -226,81 +223,49 @@ def decode_words(
         Least swing of a certain bit, in 1/256 of white minus black.
     limits : (int, int)
         Least swing of a certain bit, least white minus black, counts.
-    cells : ndarray of float32, shape (2, 4)
-        Of each axis in Gray code: px per cell, centre of cell number 0, lowest and highest number; 0 px: use `table`.
-    table : ndarray of int32, shape (2, 3, words)
-        Of each axis: cell of each word (-1: none), first and last px of each cell.
-    jitter : float
-        Noise of pattern minus inverse, counts.
-    column, row, sigma_column, sigma_row : ndarray of float32, shape (pixel,)
-        Filled: projector px and their standard uncertainty.
-    level_map, texture_map, contrast_map : ndarray of uint8, shape (pixel,)
-        Filled.
+    numbers : ndarray, shape (2, 2)
+        Lowest and highest number of a cell on each axis.
+    column, row : ndarray of uint16, shape (row, column)
+        Filled: the middle of the pixel's cell, in half cells from the beginning of the code; `NO_CELL` if none.
+    contrast : ndarray of uint8, shape (pixel,)
+        Filled: white minus black, 8 bits.
+    suspects : ndarray of uint8, shape (2, tile, column)
+        Zeros; filled by axis, 16 rows and column, from some of these rows: how many pixels are certain of the coarse
+        bits, and 16 times how many of these are in doubt of the finest.
     """
-    pixels = stack.shape[1]
-    swing = np.empty(BLOCK, stack.dtype)
-    middle = np.empty(BLOCK, stack.dtype)
-    limit = np.empty(BLOCK, stack.dtype)
-    codes = np.empty((GROUPS, BLOCK), np.uint8)
-    spread = np.empty(BLOCK, np.float32)
-    spare = np.empty(BLOCK, np.uint8)
-    numbers = np.empty(BLOCK, np.uint16)
-    shift = 8 * (stack.itemsize - 1)
+    columns = column.shape[1]
+    limit, middle = np.empty(BLOCK, stack.dtype), np.empty(BLOCK, stack.dtype)
+    word, doubt = np.empty((GROUPS, BLOCK), np.uint8), np.empty((GROUPS, BLOCK), np.uint8)
     halves = 1 if minus[0, 0] < 0 and minus[1, 0] < 0 else 0
-    for start in range(0, pixels, BLOCK):
-        stop = min(start + BLOCK, pixels)
+    for start in range(0, stack.shape[1], BLOCK):
+        stop = min(start + BLOCK, stack.shape[1])
         size = stop - start
         w, b = stack[white, start:stop], stack[black, start:stop]
-        lit, mid, low = swing[:size], middle[:size], limit[:size]
-        _light(w, b, lit, mid, low, relative, limits[0] >> halves, halves)
-        _spread(lit, jitter, spread[:size])
-        level, texture, contrast = level_map[start:stop], texture_map[start:stop], contrast_map[start:stop]
-        for i in range(size):
-            texture[i] = np.uint8(w[i] >> shift)
-        for i in range(size):
-            contrast[i] = np.uint8(lit[i] >> shift)
-        level[:] = np.uint8(0)
+        _light(w, b, relative, limits[0] >> halves, limits[1], halves, contrast[start:stop], limit[:size])
+        if halves:
+            _mean(w, b, relative, middle[:size])
         for axis in range(2):
-            place = column[start:stop] if axis == 0 else row[start:stop]
-            error = sigma_column[start:stop] if axis == 0 else sigma_row[start:stop]
+            place = column.reshape(-1)[start:stop] if axis == 0 else row.reshape(-1)[start:stop]
             if bits[axis] == 0:
-                place[:] = np.float32(np.nan)
-                error[:] = np.float32(np.nan)
+                place[:] = np.uint16(NO_CELL)
                 continue
-            group = GROUPS - (bits[axis] + 2) // 3  # the coarsest group takes what is not a multiple of three
-            for empty in range(group):
-                codes[empty, :size] = 0
-            bit = 0
-            odd = bits[axis] % 3
-            while bit < odd:
-                code = spare[:size] if bit == 0 and odd == 2 else codes[group, :size]
-                n0 = mid if halves else stack[minus[axis, bit], start:stop]
-                _one(stack[plus[axis, bit], start:stop], n0, low, code)
-                bit += 1
-            if odd == 2:
-                _join(spare[:size], codes[group, :size])
-            group += odd > 0
-            while bit < bits[axis]:
-                p0, p1, p2 = (
-                    stack[plus[axis, bit], start:stop],
-                    stack[plus[axis, bit + 1], start:stop],
-                    stack[plus[axis, bit + 2], start:stop],
-                )
-                n0 = mid if halves else stack[minus[axis, bit], start:stop]
-                n1 = mid if halves else stack[minus[axis, bit + 1], start:stop]
-                n2 = mid if halves else stack[minus[axis, bit + 2], start:stop]
-                _three(p0, n0, p1, n1, p2, n2, low, codes[group, :size])
-                bit += 3
-                group += 1
-            wide, origin, lowest, highest = cells[axis]
-            if wide > 0:
-                c0, c1, c2, c3, c4 = codes[0, :size], codes[1, :size], codes[2, :size], codes[3, :size], codes[4, :size]
-                number = numbers[:size]
-                _number_gray(c0, c1, c2, c3, c4, lit, limits[1], lowest, highest, number)
-                _place(number, wide, origin, place, level)
-                _uncertainty(place, spread[:size], wide, error)
+            groups = _words(
+                stack,
+                start,
+                stop,
+                white,
+                black,
+                plus[axis],
+                minus[axis],
+                bits[axis],
+                middle[:size],
+                limit[:size],
+                word,
+                doubt,
+            )
+            low, high = numbers[axis]
+            _count_doubts(doubt[groups - 2, :size], doubt[groups - 1, :size], start, columns, suspects[axis])
+            if groups == GROUPS:
+                _half_steps_long(word, doubt, size, low, high - low, place)
             else:
-                cell, first, last = table[axis]
-                _place_table(codes[:, :size], lit, limits[1], cell, first, last, spread[:size], place, error)
-                for i in range(size):
-                    level[i] = level[i] if place[i] == place[i] else np.uint8(NOT_MEASURED)
+                _half_steps(word[0, :size], word[1, :size], doubt[0, :size], doubt[1, :size], low, high - low, place)

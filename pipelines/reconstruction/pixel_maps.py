@@ -10,7 +10,7 @@ import numpy.typing as npt
 __all__ = ["Decoded", "PointMap"]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Decoded:
     """The projector position seen by each camera pixel.
 
