@@ -7,7 +7,7 @@ from .decode import decode
 from .diagnose import CAUSES, Diagnosis, Finding, diagnose, diagnose_stack
 from .frame_order import suggest_order
 from .frames import Frames
-from .gridding import footprint_grid, to_scan
+from .gridding import footprint_grid
 from .optics import CHIPS, PAPER_SETUP, Figure, OpticsSetup, conflicts, work_out
 from .patterns import PAPER_STRIPES, FrameRole, PatternSet
 from .pixel_maps import Decoded, PointMap
@@ -17,6 +17,7 @@ from .rig_model import BoardCheck, Calibration, CornerResidual, Lens, PoseResidu
 from .slanted_edge import edge_contrast, find_edge
 from .stripe_contrast import StripeContrast, stripe_contrast
 from .subpixel import locate, refine
+from .surface import scan_decoded, scan_frames, to_scan
 from .triangulate import triangulate
 
 __all__ = [
@@ -61,6 +62,8 @@ __all__ = [
     "reconstruct",
     "refine",
     "rms_verdict",
+    "scan_decoded",
+    "scan_frames",
     "stripe_contrast",
     "suggest_order",
     "to_scan",
