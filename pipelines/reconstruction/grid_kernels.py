@@ -11,10 +11,10 @@ from .lay_kernels import CODE, FINE, OFFSET, STEEPEST
 __all__ = ["RIM", "STEEPEST", "drop_beyond", "fill"]
 
 HALF = np.float32(0.5)  # of a cell's area must be covered
-RIM = 64  # added to the level of a cell until it is mended, if all of its points lie at a border
+RIM = 64  # added to the level of a cell until it is mended, if a point of it lies at a border
 
 # what is summed up of the points of a cell
-WEIGHT, HEIGHT, ASIDE, ALONG, SLOPE_X, SLOPE_Y, COUNT, LIGHT, LOW, HIGH, INNER = range(11)
+WEIGHT, HEIGHT, ASIDE, ALONG, SLOPE_X, SLOPE_Y, SQUARE, COUNT, LIGHT, FIRST, LOW, HIGH, INNER = range(13)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -38,14 +38,13 @@ def fill(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
 
     A pixel within a surface covers its own cell with all of its area, which its neighbours repay; one at a border
     covers what its footprint covers. Cells with points that are covered by less than half get a negative sigma: `mend`
-    looks whether they lie at a border. Where pixels are wider than two cells, covered cells without a point get the
-    planes of the pixels that cover them.
+    looks whether they lie at a border. Covered cells without a point get the planes of the pixels that cover them.
     """
     cell, above, sigma_in, local, slope, reach = laid
     columns = height.shape[1]
     start, size = first * columns, (last - first) * columns
-    total = np.zeros((size, 12), np.float32)
-    deepest = np.zeros(size, np.uint8)
+    total = np.zeros((size, 13), np.float32)
+    deepest, rim = np.zeros(size, np.uint8), np.zeros(size, np.uint8)
     for n in range(size):
         total[n, LOW], total[n, HIGH] = np.inf, -np.inf
     wide = max(usual[0], usual[1]) > 1
@@ -68,19 +67,24 @@ def fill(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
                     if inner:
                         sides = (np.int32(local[i, j, 2]) + 128) * (np.int32(local[i, j, 3]) + 128)
                         sums[INNER] += usual_area * np.float32(sides)
+                    else:
+                        rim[n] = RIM
                     if level_in[i, j] > deepest[n] and level_in[i, j] != LEVEL_NONE:  # else one axis was enough
                         deepest[n] = level_in[i, j]
     gap = np.float32(STEEPEST * pitch)
-    two = 0
+    two, empty = 0, 0
     for n in range(size):
         two += total[n, HIGH] - total[n, LOW] > gap
+        empty += total[n, COUNT] == 0 and cover[n // columns, n % columns] >= HALF
     if two > 0:
         _choose(laid, texture_in, gap, total, start, columns)
-    if wide:
-        _lend(laid, texture_in, level_in, usual, pitch, gap, spill, total, cover, deepest, first, last, columns)
+    if empty > 0:
+        _lend(
+            laid, texture_in, level_in, usual, pitch, gap, spill, wide, total, cover, deepest, rim, first, last, columns
+        )
     apart, common = np.float32(shared), np.float32(bow * bow)
     nan, unit = np.float32(np.nan), np.float32(pitch / (OFFSET * FINE))
-    one, zero = np.float32(1), np.float32(0)
+    one, zero, sampled = np.float32(1), np.float32(0), np.float32(1 / 12)
     for row in range(first, last):
         for column in range(columns):
             n = (row - first) * columns + column
@@ -90,7 +94,7 @@ def fill(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
                 texture[row, column], level[row, column] = 0, LEVEL_NONE
                 continue
             share = one / sums[WEIGHT]
-            level[row, column] = deepest[n] + (RIM if sums[INNER] == 0 else 0)
+            level[row, column] = deepest[n] + rim[n]
             if count == 0:  # lent
                 height[row, column], sigma[row, column] = sums[HEIGHT] * share, np.sqrt(sums[ASIDE] * share)
                 texture[row, column] = np.uint8(sums[LIGHT] * share)
@@ -99,10 +103,26 @@ def fill(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
             height[row, column] = sums[HEIGHT] * share - moved * (unit * share * share)
             worth = one + (np.sqrt(count) - one) / apart
             own = max(share * count - common, zero)
-            spread = np.sqrt(own / (worth * worth) + common)
+            seen, bent = _relief(sums, own, np.float32(pitch))
+            unseen = max(one - sums[INNER], zero)
+            spread = np.sqrt(own / (worth * worth) + common + seen * unseen * unseen + bent * sampled / count)
             area = cover[row - first, column] + (zero if wide else sums[INNER])
             sigma[row, column] = spread if area >= HALF else -spread
             texture[row, column] = np.uint8(sums[LIGHT] / count)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _relief(sums, noise, pitch):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """Variance of the heights in a cell that noise does not explain, and what of it the cell's slope does not either.
+
+    What lies in the part of a cell that is not seen is as far from its mean as what is seen. Where all of it is seen,
+    each point stands for the middle of its share: the mean of n is off by 1 / sqrt(12 n) of what no slope explains.
+    """
+    share = np.float32(1) / sums[WEIGHT]
+    mean = sums[HEIGHT] * share - sums[FIRST]
+    slope = (sums[SLOPE_X] * sums[SLOPE_X] + sums[SLOPE_Y] * sums[SLOPE_Y]) * (share * share / np.float32(FINE * FINE))
+    seen = max(sums[SQUARE] * share - mean * mean - noise, np.float32(0))
+    return seen, max(seen - slope * pitch * pitch / np.float32(12), np.float32(0))
 
 
 @nb.njit(cache=True, nogil=True, inline="always")
@@ -140,7 +160,11 @@ def _overlap(middle, half, n):  # type: ignore[no-untyped-def]  # a kernel: numb
 def _add(total, above, local, slope, sigma, light):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     w = np.float32(1) / (sigma * sigma)
     total[WEIGHT] += w
+    if total[COUNT] == 0:
+        total[FIRST] = above  # squares are summed from here: heights are long numbers, their differences short ones
+    off = above - total[FIRST]
     total[HEIGHT] += w * above
+    total[SQUARE] += w * off * off
     total[ASIDE] += w * np.float32(local[0])
     total[ALONG] += w * np.float32(local[1])
     total[SLOPE_X] += w * np.float32(slope[0])
@@ -175,17 +199,18 @@ def _choose(laid, texture_in, gap, total, start, columns):  # type: ignore[no-un
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _lend(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
-    laid, texture_in, level_in, usual, pitch, gap, spill, total, cover, deepest, first, last, columns
+    laid, texture_in, level_in, usual, pitch, gap, spill, wide, total, cover, deepest, rim, first, last, columns
 ):
     """Give covered cells without points the mean of the planes that cover them, weighted by area, of one surface.
 
-    In place of the sums: area, height, variance (`ASIDE`) and light.
+    Only pixels at a border lend, but where pixels are wider than two cells all do. In place of the sums: area, height,
+    variance (`ASIDE`) and light.
     """
     cell, above, sigma_in, local, slope, reach = laid
     for i in range(len(cell)):
         if reach[i, 0] < last + spill and reach[i, 1] >= first - spill:
             for j in range(cell.shape[1]):
-                if cell[i, j] < 0:
+                if cell[i, j] < 0 or not (wide or sigma_in[i, j] < 0):
                     continue
                 row = cell[i, j] // columns - first
                 if not -spill <= row < last - first + spill:
@@ -207,11 +232,12 @@ def _lend(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
                         if total[n, WEIGHT] > 0 and abs(total[n, HEIGHT] / total[n, WEIGHT] - here) > gap:
                             if total[n, WEIGHT] >= area:
                                 continue
-                            total[n, :LOW], total[n, INNER], deepest[n] = 0, 0, 0
+                            total[n, :LOW], deepest[n] = 0, 0
+                        if not wide:
+                            rim[n] = RIM
                         total[n, WEIGHT] += area
                         total[n, HEIGHT] += area * here
                         total[n, ASIDE] += area * sigma_in[i, j] * sigma_in[i, j]
                         total[n, LIGHT] += area * np.float32(texture_in[i, j])
-                        total[n, INNER] += area if sigma_in[i, j] > 0 else np.float32(0)
                         if level_in[i, j] != LEVEL_NONE:
                             deepest[n] = max(deepest[n], level_in[i, j])

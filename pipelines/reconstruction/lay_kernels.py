@@ -56,7 +56,7 @@ def lay(planes, first, last, place, shape, usual, cell, above, sigma, local, slo
     cell : ndarray of int32, shape (last - first, column)
         Out: number of the cell, -1 where none.
     above, sigma : ndarray of float32, shape (last - first, column)
-        Out: sigma is negative at a border, where one of the four next pixels is not on the same surface.
+        Out: sigma is negative at a border, where one of the eight next pixels is not on the same surface.
     local : ndarray of int8, shape (last - first, column, 4)
         Out: offset from the cell's centre along x and y (1/`OFFSET` cell), half sides of the footprint (1/`CODE` usual
         ones, less 128).
@@ -152,7 +152,10 @@ def _differ(block, count, place, usual):  # type: ignore[no-untyped-def]  # a ke
         # twice as long reaches half a pixel farther; on the other side lies a pixel of the same surface
         block[k] = (side_x + side_x if split_a else side_x) / usual_x
         block[WIDE + k] = (side_y + side_y if split_b else side_y) / usual_y
-        block[2 * WIDE + k] = na + nb_
+        level = most * (usual_x + usual_y)
+        whole = (abs(block[2 * WIDE + m - 1] - z) <= level) & (abs(block[2 * WIDE + m + 1] - z) <= level)
+        whole &= (abs(block[8 * WIDE + m - 1] - z) <= level) & (abs(block[8 * WIDE + m + 1] - z) <= level)
+        block[2 * WIDE + k] = na + nb_ if whole else zero
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

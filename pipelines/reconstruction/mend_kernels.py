@@ -17,9 +17,8 @@ HOLE = 6  # of the eight cells around a hole are measured
 def mend(height, sigma, texture, level, rims, gap, first, last):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     """Drop cells at a border that are covered by less than half; fill cells that lie between points of one surface.
 
-    An empty cell does so if it is a single hole, or if one of two opposite neighbours has a point all of whose
-    neighbours in the image are on its surface: then no pixel between them is missing, and the pitch is finer than the
-    pixels.
+    An empty cell does so if it is a single hole, or if the cells beside it hold points all of whose neighbours in the
+    image are on the same surface: then no pixel is missing between them, but the pitch is finer than the pixels.
 
     `rims` holds rows `first` - 1 and `last` of the four arrays as `fill` left them: others may mend them meanwhile.
     """
@@ -55,14 +54,18 @@ def mend(height, sigma, texture, level, rims, gap, first, last):  # type: ignore
                     height[k, column], sigma[k, column] = np.nan, np.nan
                     texture[k, column], level[k, column] = 0, LEVEL_NONE
             elif inside:
-                least = RIM
+                least, opposite = RIM, True
                 if not _between(levels, beside, column):
-                    if not _enclosed(sigmas, beside, column):
+                    if _enclosed(sigmas, beside, column):
+                        least = LEVEL_NONE
+                    elif _amid(levels, beside, column):
+                        opposite = False
+                    else:
                         continue
-                    least = LEVEL_NONE
                 total, worst, light, highest, count = np.float32(0), np.float32(0), 0, 0, 0
-                for n in range(4):
-                    i, j = beside[n] + column, beside[7 - n] + column
+                for n in range(4 if opposite else 8):
+                    i = beside[n] + column
+                    j = beside[7 - n] + column if opposite else i  # no two lie opposite: each counts by itself
                     u, v = int(levels[i]), int(levels[j])
                     if abs(heights[i] - heights[j]) <= gap and min(u, v) < least:  # false where either is NaN
                         total += heights[i] + heights[j]
@@ -101,9 +104,22 @@ def _enclosed(sigmas, beside, column):  # type: ignore[no-untyped-def]  # a kern
 
 @nb.njit(cache=True, nogil=True, inline="always")
 def _between(levels, beside, column):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
-    """Whether one of two opposite neighbours has a point within its surface, and the other is measured."""
+    """Whether no pixel is missing here, and the pitch is just finer than the pixels.
+
+    One of two opposite neighbours has no point at a border, and the other is measured.
+    """
     found = False
     for n in range(4):
         u, v = levels[beside[n] + column], levels[beside[7 - n] + column]
         found |= (min(u, v) < RIM) & (max(u, v) < LEVEL_NONE)
     return found
+
+
+@nb.njit(cache=True, nogil=True, inline="always")
+def _amid(levels, beside, column):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """Whether half of the neighbours are measured, none of them with a point at a border."""
+    found, rim = 0, 0
+    for n in range(8):
+        found += levels[beside[n] + column] < RIM
+        rim += (levels[beside[n] + column] >= RIM) & (levels[beside[n] + column] < LEVEL_NONE)
+    return found >= 4 and rim == 0
