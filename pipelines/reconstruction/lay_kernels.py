@@ -41,8 +41,7 @@ def lay(planes, first, last, place, shape, usual, cell, above, sigma, local, slo
 
     The slope is that of the plane through the differences to the pixel's neighbours on the same surface, along the row
     and down the column of the image; to one side where the other side is another surface. The same differences give the
-    footprint: the pixel's share of the surface as the grid sees it, a rectangle of the right area. A pixel that was not
-    measured between two surfaces saw both: half of it is added to either one.
+    footprint: the pixel's share of the surface as the grid sees it, a rectangle of the right area.
 
     Parameters
     ----------
@@ -73,8 +72,6 @@ def lay(planes, first, last, place, shape, usual, cell, above, sigma, local, slo
             for side in range(3):
                 for axis in range(3):
                     _copy(planes[axis], i - 1 + side, start - 2, block, (3 * side + axis) * WIDE)
-            _copy(planes[2], i - 2, start - 2, block, 9 * WIDE)
-            _copy(planes[2], i + 2, start - 2, block, 10 * WIDE)
             _differ(block, count, place, usual)
             _note(
                 block, planes[3, i, start : start + count], shape, cell[i - first, start : start + count],
@@ -105,7 +102,7 @@ def _copy(plane, row, start, block, at):  # type: ignore[no-untyped-def]  # a ke
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _differ(block, count, place, usual):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
-    """From the lines around (slots 0 to 10 of `block`) to what is noted of each pixel.
+    """From the lines around (slots 0 to 8 of `block`) to what is noted of each pixel.
 
     Slots 11 to 16: column, row, offsets, slopes; 0 and 1: sides of the footprint in usual ones; 2: neighbours.
     """
@@ -121,17 +118,12 @@ def _differ(block, count, place, usual):  # type: ignore[no-untyped-def]  # a ke
         # before and after along the line, then across it: on the same surface or not; NaN is not
         ux, uy, uz = block[3 * WIDE + m - 1] - x, block[4 * WIDE + m - 1] - y, block[5 * WIDE + m - 1] - z
         vx, vy, vz = block[3 * WIDE + m + 1] - x, block[4 * WIDE + m + 1] - y, block[5 * WIDE + m + 1] - z
-        # not measured, and another surface behind
-        split_a = (uz != uz) & (abs(block[5 * WIDE + m - 2] - z) > 2 * most * usual_x)
-        split_a |= (vz != vz) & (abs(block[5 * WIDE + m + 2] - z) > 2 * most * usual_x)
         u, v = uz * uz <= steep * (ux * ux + uy * uy), vz * vz <= steep * (vx * vx + vy * vy)
         ax, ay = (vx if v else zero) - (ux if u else zero), (vy if v else zero) - (uy if u else zero)
         az = (vz if v else zero) - (uz if u else zero)
         na = (one if u else zero) + (one if v else zero)
         ux, uy, uz = block[m] - x, block[WIDE + m] - y, block[2 * WIDE + m] - z
         vx, vy, vz = block[6 * WIDE + m] - x, block[7 * WIDE + m] - y, block[8 * WIDE + m] - z
-        split_b = (uz != uz) & (abs(block[9 * WIDE + m] - z) > 2 * most * usual_y)
-        split_b |= (vz != vz) & (abs(block[10 * WIDE + m] - z) > 2 * most * usual_y)
         u, v = uz * uz <= steep * (ux * ux + uy * uy), vz * vz <= steep * (vx * vx + vy * vy)
         bx, by = (vx if v else zero) - (ux if u else zero), (vy if v else zero) - (uy if u else zero)
         bz = (vz if v else zero) - (uz if u else zero)
@@ -149,9 +141,7 @@ def _differ(block, count, place, usual):  # type: ignore[no-untyped-def]  # a ke
         block[11 * WIDE + k], block[12 * WIDE + k] = np.float32(column), np.float32(row)
         block[13 * WIDE + k], block[14 * WIDE + k] = np.float32(along - column), np.float32(across - row)
         block[15 * WIDE + k], block[16 * WIDE + k] = min(max(gx, -most), most), min(max(gy, -most), most)
-        # twice as long reaches half a pixel farther; on the other side lies a pixel of the same surface
-        block[k] = (side_x + side_x if split_a else side_x) / usual_x
-        block[WIDE + k] = (side_y + side_y if split_b else side_y) / usual_y
+        block[k], block[WIDE + k] = side_x / usual_x, side_y / usual_y
         level = most * (usual_x + usual_y)
         whole = (abs(block[2 * WIDE + m - 1] - z) <= level) & (abs(block[2 * WIDE + m + 1] - z) <= level)
         whole &= (abs(block[8 * WIDE + m - 1] - z) <= level) & (abs(block[8 * WIDE + m + 1] - z) <= level)

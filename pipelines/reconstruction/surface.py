@@ -58,8 +58,7 @@ def to_scan(
     surface, which the neighbours of each point in the image give. Where a cell holds two surfaces (the rim and the
     floor of a crack) the one with more points wins, the upper one in a tie; nothing is averaged across.
 
-    A pixel covers what it sees of the surface, to the middle between it and its neighbours; one that saw two surfaces
-    and was not measured is shared by both. A cell is measured if at
+    A pixel covers what it sees of the surface, to the middle between it and its neighbours. A cell is measured if at
     least half of its area is covered, or if points lie in it and nearly all around: so outlines are where they are,
     whatever the pitch. A covered cell without a point of its own (of a pitch finer than the pixels) takes the
     planes of the pixels that cover it. Single holes in a surface are filled from opposite neighbours; wider gaps, and
