@@ -90,10 +90,9 @@ def make_scan(frames: Frames, recipe: Recipe) -> Scan:
     ValueError
         If the frames are not of this rig.
     """
-    from pipelines.reconstruction import reconstruct, to_scan
+    from pipelines.reconstruction import scan_frames
 
-    points = reconstruct(frames, recipe.calibration)
-    scan = to_scan(points, recipe.calibration, recipe.grid, frames.time, remove_background=recipe.remove_background)
+    scan = scan_frames(frames, recipe.calibration, recipe.grid, remove_background=recipe.remove_background)
     if not np.isfinite(scan.height).any():
         raise CaptureError("no cell was measured: is the projector on, and the object in the field of view?")
     return scan

@@ -7,7 +7,7 @@ from .decode import decode
 from .diagnose import CAUSES, Diagnosis, Finding, diagnose, diagnose_stack
 from .frame_order import suggest_order
 from .frames import Frames
-from .gridding import footprint_grid, to_scan
+from .gridding import footprint_grid
 from .height_doubt import bow_mm
 from .merge import LEVEL_CONTESTED, Merged, View, edge_weight, merge
 from .mosaic import Offset, Placement, Seam, place_tiles, seam_between
@@ -22,6 +22,7 @@ from .shared_board import site_to_site
 from .slanted_edge import edge_contrast, find_edge
 from .stripe_contrast import StripeContrast, stripe_contrast
 from .subpixel import locate, refine
+from .surface import scan_decoded, scan_frames, to_scan
 from .triangulate import triangulate
 
 __all__ = [
@@ -78,6 +79,8 @@ __all__ = [
     "refine",
     "regrid",
     "rms_verdict",
+    "scan_decoded",
+    "scan_frames",
     "seam_between",
     "site_to_site",
     "stripe_contrast",

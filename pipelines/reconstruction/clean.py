@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import numba as nb
 import numpy as np
 import numpy.typing as npt
 
+from .clean_kernels import drop_mixed, keep_dense, take_points
 from .pixel_maps import PointMap
 from .slabs import in_slabs
 
@@ -13,15 +13,12 @@ __all__ = ["background_border", "reject_mixed", "remove_lone"]
 
 Mask = npt.NDArray[np.bool_]
 
-NEIGHBOURS = 6  # of the 24 around a pixel must lie on its surface
-SLOPE = np.float32(3)  # neighbours on one surface differ by less than this many times their distance
+HALO = 2  # rows beside a pixel that the clean-up looks at
 APART = 4.0  # two modes are well separated if the empty band between them is this many times their spreads
 FAR = 0.25  # of the shorter side of the field of view; the paper's rig is sharp within 0.3 of it to either side
 WIDE = 0.03  # a background is wider than this share of the image; a crack's floor is not
-SAMPLES = 20_000
-SUPPORT = 2  # of the eight directions must lead on to a point
-STANDARD = np.float32(4)  # standard uncertainties that two points of one surface may differ by
-BEND = np.float32(1)  # and as much as a slope of so much that begins between them
+SAMPLES = 40_000
+BAND = 64  # rows that are worked on at once
 
 
 def reject_mixed(points: PointMap) -> Mask:
@@ -35,42 +32,21 @@ def reject_mixed(points: PointMap) -> Mask:
     Returns
     -------
     ndarray of bool, shape (row, column)
-        True where fewer than `SUPPORT` directions lead on to a measured point.
+        True where fewer than two directions lead on to a measured point.
     """
-    mixed = np.zeros(points.sigma_z.shape, np.bool_)
-    in_slabs(len(mixed), lambda first, last: _mixed(points.xyz, points.sigma_z, mixed, first, last))
-    return mixed
+    columns = points.sigma_z.shape[1]
+    mixed = np.zeros(points.sigma_z.shape, np.uint8)
 
+    def slab(first: int, last: int) -> None:
+        low, high = max(first - HALO, 0), min(last + HALO, len(mixed))
+        planes = np.empty((4, high - low, columns), np.float32)
+        take_points(points.xyz[low:high], points.sigma_z[low:high], planes)
+        doubt = np.empty((high - low, columns), np.uint8)
+        drop_mixed(planes, doubt, first - low, last - low)
+        mixed[first:last] = doubt[first - low : last - low]
 
-@nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _leads_on(xyz, sigma_z, i, j, a, b):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
-    """Whether pixels (i + 2a, j + 2b) and (i + a, j + b) lead on to (i, j)."""
-    z0, z1, z2 = xyz[i, j, 2], xyz[i + a, j + b, 2], xyz[i + 2 * a, j + 2 * b, 2]
-    s0, s1, s2 = sigma_z[i, j], sigma_z[i + a, j + b], sigma_z[i + 2 * a, j + 2 * b]
-    dx, dy = xyz[i + a, j + b, 0] - xyz[i, j, 0], xyz[i + a, j + b, 1] - xyz[i, j, 1]
-    off, bend = abs(z0 - 2 * z1 + z2), BEND * np.sqrt(dx * dx + dy * dy)
-    if not off <= bend + STANDARD * (s0 + 2 * s1 + s2):  # NaN is not; cheaper than the root below, and never less
-        return False
-    if not abs(z1 - z2) <= SLOPE * bend / BEND + STANDARD * (s1 + s2):
-        return False
-    return off <= bend + STANDARD * np.sqrt(s0 * s0 + 4 * s1 * s1 + s2 * s2)
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def _mixed(xyz, sigma_z, mixed, first, last):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
-    H, W = sigma_z.shape
-    around = ((0, -1), (0, 1), (-1, 0), (1, 0), (-1, -1), (1, 1), (-1, 1), (1, -1))
-    for i in range(first, last):
-        for j in range(W):
-            if not sigma_z[i, j] > 0:
-                continue
-            found = 0
-            for a, b in around:
-                if 0 <= i + 2 * a < H and 0 <= j + 2 * b < W and _leads_on(xyz, sigma_z, i, j, a, b):
-                    found += 1
-                    if found == SUPPORT:
-                        break
-            mixed[i, j] = found < SUPPORT
+    in_slabs(len(mixed), slab, step=BAND)
+    return mixed.view(np.bool_)
 
 
 def remove_lone(points: PointMap, worst: float = np.inf) -> Mask:
@@ -87,33 +63,22 @@ def remove_lone(points: PointMap, worst: float = np.inf) -> Mask:
     ndarray of bool, shape (row, column)
         True where the point is kept.
     """
+    columns = points.sigma_z.shape[1]
     keep = np.zeros(points.sigma_z.shape, np.bool_)
-    in_slabs(len(keep), lambda first, last: _density(points.xyz, points.sigma_z, worst, keep, first, last))
+
+    def slab(first: int, last: int) -> None:
+        low, high = max(first - HALO, 0), min(last + HALO, len(keep))
+        planes = np.empty((4, high - low, columns), np.float32)
+        take_points(points.xyz[low:high], points.sigma_z[low:high], planes)
+        kept = np.empty((high - low, columns), np.bool_)
+        keep_dense(planes, worst, kept, first - low, last - low)
+        keep[first:last] = kept[first - low : last - low]
+
+    in_slabs(len(keep), slab, step=BAND)
     return keep
 
 
-@nb.njit(cache=True, nogil=True)
-def _density(xyz, sigma_z, worst, keep, first, last):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
-    H, W = sigma_z.shape
-    for i in range(first, last):
-        for j in range(W):
-            s = sigma_z[i, j]
-            if not s <= worst:  # false for NaN
-                continue
-            x, y, z = xyz[i, j, 0], xyz[i, j, 1], xyz[i, j, 2]
-            near = 0
-            for a in range(max(i - 2, 0), min(i + 3, H)):
-                for b in range(max(j - 2, 0), min(j + 3, W)):
-                    dx, dy, dz = xyz[a, b, 0] - x, xyz[a, b, 1] - y, abs(xyz[a, b, 2] - z)
-                    more = dz - STANDARD * (s + sigma_z[a, b])
-                    if more <= 0 or more * more <= SLOPE * SLOPE * (dx * dx + dy * dy):  # false for NaN
-                        near += 1
-                if near > NEIGHBOURS:  # itself included
-                    break
-            keep[i, j] = near > NEIGHBOURS
-
-
-def background_border(points: PointMap, keep: Mask) -> float:
+def background_border(some: npt.NDArray[np.float32]) -> float:
     """Find a background behind the object: K-means with two clusters of the distance, if there are two.
 
     The farther cluster is background only if (1) the two are well separated: the empty band between them is at least
@@ -123,25 +88,24 @@ def background_border(points: PointMap, keep: Mask) -> float:
 
     Parameters
     ----------
-    points : PointMap
-    keep : ndarray of bool, shape (row, column)
-        Pixels that count.
+    some : ndarray of float32, shape (3, row, column)
+        x, y, z of a raster of pixels, camera frame, mm; z NaN where a pixel does not count.
 
     Returns
     -------
     float
         Depth beyond which a point shows the background, mm; infinite where there is none.
     """
-    step = max(1, int(np.sqrt(keep.size / SAMPLES / 4)))
-    some = keep[::step, ::step]
-    x, y, depth = (points.xyz[::step, ::step, n][some] for n in range(3))
+    step = max(1, int(np.sqrt(some[2].size / SAMPLES)))
+    few = some[:, ::step, ::step]
+    x, y, depth = few[:, np.isfinite(few[2])]
     if len(depth) < 100:
         return np.inf
     field = min(float(np.ptp(np.percentile(side, [2, 98]))) for side in (x, y))
     border = _two_modes(np.sort(depth.astype(np.float64)), FAR * field)
     if border is None:
         return np.inf
-    return border if _is_wide(keep & (points.xyz[..., 2] > border)) else np.inf
+    return border if _is_wide(some[2] > border) else np.inf
 
 
 def _two_modes(depth: npt.NDArray[np.float64], least: float) -> float | None:

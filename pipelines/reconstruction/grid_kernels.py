@@ -1,4 +1,4 @@
-"""Compiled loops of gridding: what each point says of its cell, the sums of each cell, and single gaps."""
+"""Compiled loops of gridding: the sums of each cell, and how much of it is covered."""
 
 from __future__ import annotations
 
@@ -6,169 +6,178 @@ import numba as nb
 import numpy as np
 
 from ..scan import LEVEL_NONE
+from .lay_kernels import CODE, FINE, OFFSET, STEEPEST
 
-__all__ = ["STEEPEST", "bridge", "fill", "lay"]
+__all__ = ["RIM", "STEEPEST", "drop_beyond", "fill"]
 
-FINE = 8192.0  # slopes are kept in steps of 1 / FINE
-STEEPEST = 3.0  # two points of one cell further apart in height than this many cells are two surfaces
+HALF = np.float32(0.5)  # of a cell's area must be covered
+RIM = 64  # added to the level of a cell until it is mended, if a point of it lies at a border
+
+# what is summed up of the points of a cell
+WEIGHT, HEIGHT, ASIDE, ALONG, SLOPE_X, SLOPE_Y, SQUARE, COUNT, LIGHT, FIRST, LOW, HIGH, INNER = range(13)
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def lay(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
-    xyz, keep, farthest, M, place, shape, cell, above, offset, slope, reach, first, last
-):
-    """Say of each pixel its cell, height, offset from the cell's centre (1/254 cell) and slope (1/`FINE`).
-
-    The slope is that of the plane through the differences to the pixel's neighbours on the same surface, along the row
-    and down the column of the image; to one side where the other side is another surface.
-    """
-    rows, columns = shape
+@nb.njit(cache=True, nogil=True)
+def drop_beyond(farthest, M, place, columns, cell, above, local):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """Forget points whose distance along the camera's axis is above `farthest`."""
     x0, y0, pitch = place
-    H, W = keep.shape
-    nan = np.float32(np.nan)
-    lines = np.full((3, W + 2, 3), nan, np.float32)  # rows i-1, i, i+1 in the site frame, NaN where not kept
-    for i in range(first - 1, last + 1):
-        line = lines[(i + 1) % 3]
-        if 0 <= i < H:
-            for j in range(W):
-                x, y, z = xyz[i, j, 0], xyz[i, j, 1], xyz[i, j, 2]
-                if keep[i, j] and z <= farthest:
-                    line[j + 1, 0] = M[0, 0] * x + M[0, 1] * y + M[0, 2] * z + M[0, 3]
-                    line[j + 1, 1] = M[1, 0] * x + M[1, 1] * y + M[1, 2] * z + M[1, 3]
-                    line[j + 1, 2] = M[2, 0] * x + M[2, 1] * y + M[2, 2] * z + M[2, 3]
-                else:
-                    line[j + 1, 2] = nan
-        else:
-            line[:, 2] = nan
-        k = i - 1
-        if k < first:
-            continue
-        before, here, after = lines[k % 3], lines[(k + 1) % 3], lines[(k + 2) % 3]
-        lowest, highest = rows, -1
-        for j in range(1, W + 1):
-            cell[k, j - 1] = -1
-            x, y, z = here[j, 0], here[j, 1], here[j, 2]
-            if z != z:
-                continue
-            along, across = (x - x0) / pitch, (y - y0) / pitch
-            column, row = int(np.floor(along + np.float32(0.5))), int(np.floor(across + np.float32(0.5)))
-            if not (0 <= row < rows and 0 <= column < columns):
-                continue
-            lowest, highest = min(lowest, row), max(highest, row)
-            cell[k, j - 1] = row * columns + column
-            above[k, j - 1] = z
-            offset[k, j - 1, 0], offset[k, j - 1, 1] = np.rint(254 * (along - column)), np.rint(254 * (across - row))
-            ax, ay, az = _difference(here, j - 1, here, j + 1, x, y, z)
-            bx, by, bz = _difference(before, j, after, j, x, y, z)
-            aa, bb = ax * ax + ay * ay, bx * bx + by * by
-            turn = ax * by - ay * bx
-            if turn * turn > np.float32(0.01) * aa * bb:
-                gx, gy = (az * by - bz * ay) / turn, (bz * ax - az * bx) / turn
-            elif aa > 0:  # neighbours in one direction only: nothing is known across it
-                gx, gy = az * ax / aa, az * ay / aa
-            elif bb > 0:
-                gx, gy = bz * bx / bb, bz * by / bb
-            else:
-                gx, gy = np.float32(0), np.float32(0)
-            gx, gy = min(max(gx, -STEEPEST), STEEPEST), min(max(gy, -STEEPEST), STEEPEST)
-            slope[k, j - 1, 0], slope[k, j - 1, 1] = np.rint(FINE * gx), np.rint(FINE * gy)
-        reach[k, 0], reach[k, 1] = lowest, highest
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _difference(one, j, two, k, x, y, z):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
-    """Step from one neighbour to the other, from the point itself where one is on another surface, 0 where both are."""
-    ux, uy, uz = one[j, 0], one[j, 1], one[j, 2]
-    vx, vy, vz = two[k, 0], two[k, 1], two[k, 2]
-    steep = np.float32(STEEPEST * STEEPEST)
-    if not (uz - z) * (uz - z) <= steep * ((ux - x) * (ux - x) + (uy - y) * (uy - y)):  # NaN is not
-        ux, uy, uz = x, y, z
-    if not (vz - z) * (vz - z) <= steep * ((vx - x) * (vx - x) + (vy - y) * (vy - y)):
-        vx, vy, vz = x, y, z
-    return vx - ux, vy - uy, vz - uz
+    for i in range(len(cell)):
+        for j in range(cell.shape[1]):
+            if cell[i, j] >= 0:
+                x = x0 + (cell[i, j] % columns + local[i, j, 0] / OFFSET) * pitch - M[0, 3]
+                y = y0 + (cell[i, j] // columns + local[i, j, 1] / OFFSET) * pitch - M[1, 3]
+                if M[0, 2] * x + M[1, 2] * y + M[2, 2] * (above[i, j] - M[2, 3]) > farthest:
+                    cell[i, j] = -1
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def fill(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
-    cell,
-    above,
-    offset,
-    slope,
-    reach,
-    sigma_z,
-    texture_in,
-    level_in,
-    gap,
-    pitch,
-    shared,
-    height,
-    sigma,
-    texture,
-    level,
-    first,
-    last,
+    laid, texture_in, level_in, usual, pitch, shared, height, sigma, texture, level, first, last
 ):
-    """Sum up the points of the cells of a band of rows."""
+    """Sum up the points of the cells of a band of rows.
+
+    A pixel within a surface covers its own cell with all of its area, which its neighbours repay; one at a border
+    covers what its footprint covers. Cells with points that are covered by less than half get a negative sigma: `mend`
+    looks whether they lie at a border. Covered cells without a point get the planes of the pixels that cover them.
+    """
+    cell, above, sigma_in, local, slope, reach = laid
     columns = height.shape[1]
-    H, W = cell.shape
     start, size = first * columns, (last - first) * columns
-    # weight, weighted height, offsets and slopes; then lowest and highest point
-    total = np.zeros((size, 8), np.float32)
-    count, bright, deepest = np.zeros(size, np.uint16), np.zeros(size, np.uint32), np.zeros(size, np.uint8)
+    total = np.zeros((size, 13), np.float32)
+    deepest, rim = np.zeros(size, np.uint8), np.zeros(size, np.uint8)
     for n in range(size):
-        total[n, 6], total[n, 7] = np.inf, -np.inf
-    for i in range(H):
-        if reach[i, 0] < last and reach[i, 1] >= first:
-            for j in range(W):
+        total[n, LOW], total[n, HIGH] = np.inf, -np.inf
+    wide = max(usual[0], usual[1]) > 1
+    spill = np.int64(np.ceil(4 * usual[1]))  # rows that the largest footprint reaches beyond its own
+    cover = np.zeros((last - first, columns), np.float32)
+    usual_area = np.float32(4 * usual[0] * usual[1] / (CODE * CODE))
+    for i in range(len(cell)):
+        if reach[i, 0] < last + spill and reach[i, 1] >= first - spill:
+            for j in range(cell.shape[1]):
                 n = cell[i, j] - start
+                if not -spill * columns <= n < size + spill * columns or cell[i, j] < 0:
+                    continue
+                inner = sigma_in[i, j] > 0
+                if wide or not inner:
+                    _cover(cover, cell[i, j] // columns - first, cell[i, j] % columns, local[i, j], usual)
                 if 0 <= n < size:
-                    total[n, 6] = min(total[n, 6], above[i, j])
-                    total[n, 7] = max(total[n, 7], above[i, j])
-                    _add(total, count, bright, n, i, j, above, offset, slope, sigma_z, texture_in)
-                    deepest[n] = max(deepest[n], level_in[i, j])
-    two = 0
+                    sums = total[n]
+                    _add(sums, above[i, j], local[i, j], slope[i, j], sigma_in[i, j], texture_in[i, j])
+                    sums[LOW], sums[HIGH] = min(sums[LOW], above[i, j]), max(sums[HIGH], above[i, j])
+                    if inner:
+                        sides = (np.int32(local[i, j, 2]) + 128) * (np.int32(local[i, j, 3]) + 128)
+                        sums[INNER] += usual_area * np.float32(sides)
+                    else:
+                        rim[n] = RIM
+                    if level_in[i, j] > deepest[n] and level_in[i, j] != LEVEL_NONE:  # else one axis was enough
+                        deepest[n] = level_in[i, j]
+    gap = np.float32(STEEPEST * pitch)
+    two, empty = 0, 0
     for n in range(size):
-        if total[n, 7] - total[n, 6] > gap:
-            two += 1
+        two += total[n, HIGH] - total[n, LOW] > gap
+        empty += total[n, COUNT] == 0 and cover[n // columns, n % columns] >= HALF
     if two > 0:
-        _choose(cell, above, offset, slope, reach, sigma_z, texture_in, gap, total, count, bright, start, columns)
+        _choose(laid, texture_in, gap, total, start, columns)
+    if empty > 0:
+        _lend(
+            laid, texture_in, level_in, usual, pitch, gap, spill, wide, total, cover, deepest, rim, first, last, columns
+        )
     apart = np.float32(shared)
-    nan, unit = np.float32(np.nan), np.float32(pitch / (254 * FINE))
+    nan, unit = np.float32(np.nan), np.float32(pitch / (OFFSET * FINE))
+    one, zero, sampled = np.float32(1), np.float32(0), np.float32(1 / 12)
     for row in range(first, last):
         for column in range(columns):
-            n = row * columns + column - start
-            if count[n] == 0:
+            n = (row - first) * columns + column
+            sums, count = total[n], total[n, COUNT]
+            if not sums[WEIGHT] > 0:
                 height[row, column], sigma[row, column] = nan, nan
                 texture[row, column], level[row, column] = 0, LEVEL_NONE
-            else:
-                share = np.float32(1) / total[n, 0]
-                moved = (total[n, 2] * total[n, 4] + total[n, 3] * total[n, 5]) * (unit * share * share)
-                height[row, column] = total[n, 1] * share - moved
-                worth = np.float32(1) + (np.sqrt(np.float32(count[n])) - np.float32(1)) / apart
-                sigma[row, column] = np.sqrt(share * np.float32(count[n])) / worth
-                texture[row, column] = bright[n] // count[n]
-                level[row, column] = deepest[n]
+                continue
+            share = one / sums[WEIGHT]
+            level[row, column] = deepest[n] + rim[n]
+            if count == 0:  # lent
+                height[row, column], sigma[row, column] = sums[HEIGHT] * share, np.sqrt(sums[ASIDE] * share)
+                texture[row, column] = np.uint8(sums[LIGHT] * share)
+                continue
+            moved = sums[ASIDE] * sums[SLOPE_X] + sums[ALONG] * sums[SLOPE_Y]
+            height[row, column] = sums[HEIGHT] * share - moved * (unit * share * share)
+            worth = one + (np.sqrt(count) - one) / apart
+            own = share * count
+            seen, bent = _relief(sums, own, np.float32(pitch))
+            unseen = max(one - sums[INNER], zero)
+            spread = np.sqrt(own / (worth * worth) + seen * unseen * unseen + bent * sampled / count)
+            area = cover[row - first, column] + (zero if wide else sums[INNER])
+            sigma[row, column] = spread if area >= HALF else -spread
+            texture[row, column] = np.uint8(sums[LIGHT] / count)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _add(total, count, bright, n, i, j, above, offset, slope, sigma_z, texture_in):  # type: ignore[no-untyped-def]  # a kernel
-    w = np.float32(1) / (sigma_z[i, j] * sigma_z[i, j])
-    total[n, 0] += w
-    total[n, 1] += w * above[i, j]
-    total[n, 2] += w * np.float32(offset[i, j, 0])
-    total[n, 3] += w * np.float32(offset[i, j, 1])
-    total[n, 4] += w * np.float32(slope[i, j, 0])
-    total[n, 5] += w * np.float32(slope[i, j, 1])
-    count[n] += 1
-    bright[n] += texture_in[i, j]
+def _relief(sums, noise, pitch):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """Variance of the heights in a cell that noise does not explain, and what of it the cell's slope does not either.
+
+    What lies in the part of a cell that is not seen is as far from its mean as what is seen. Where all of it is seen,
+    each point stands for the middle of its share: the mean of n is off by 1 / sqrt(12 n) of what no slope explains.
+    """
+    share = np.float32(1) / sums[WEIGHT]
+    mean = sums[HEIGHT] * share - sums[FIRST]
+    slope = (sums[SLOPE_X] * sums[SLOPE_X] + sums[SLOPE_Y] * sums[SLOPE_Y]) * (share * share / np.float32(FINE * FINE))
+    seen = max(sums[SQUARE] * share - mean * mean - noise, np.float32(0))
+    return seen, max(seen - slope * pitch * pitch / np.float32(12), np.float32(0))
+
+
+@nb.njit(cache=True, nogil=True, inline="always")
+def _half(code, usual):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """Half the side of a footprint, cells."""
+    return (np.float32(code) + np.float32(128)) * np.float32(usual / CODE)
+
+
+@nb.njit(cache=True, nogil=True)
+def _cover(cover, row, column, local, usual):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """Add to `cover` the area of a footprint."""
+    hx, hy = _half(local[2], usual[0]), _half(local[3], usual[1])
+    x, y = local[0] / np.float32(OFFSET), local[1] / np.float32(OFFSET)
+    for i in range(*_cells(row, y, hy, len(cover))):
+        high = _overlap(row + y, hy, i)
+        for j in range(*_cells(column, x, hx, cover.shape[1])):
+            cover[i, j] += high * _overlap(column + x, hx, j)
+
+
+@nb.njit(cache=True, nogil=True, inline="always")
+def _cells(at, off, half, count):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """First cell that a side of a footprint meets, and the one after the last."""
+    low = at + np.int64(np.floor(off - half + HALF))
+    high = at + np.int64(np.floor(off + half + HALF))
+    return max(low, 0), min(high + 1, count)
+
+
+@nb.njit(cache=True, nogil=True, inline="always")
+def _overlap(middle, half, n):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """Length that middle +- half has within cell n, which is 1 long."""
+    return max(min(middle + half, n + 0.5) - max(middle - half, n - 0.5), 0.0)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _add(total, above, local, slope, sigma, light):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    w = np.float32(1) / (sigma * sigma)
+    total[WEIGHT] += w
+    if total[COUNT] == 0:
+        total[FIRST] = above  # squares are summed from here: heights are long numbers, their differences short ones
+    off = above - total[FIRST]
+    total[HEIGHT] += w * above
+    total[SQUARE] += w * off * off
+    total[ASIDE] += w * np.float32(local[0])
+    total[ALONG] += w * np.float32(local[1])
+    total[SLOPE_X] += w * np.float32(slope[0])
+    total[SLOPE_Y] += w * np.float32(slope[1])
+    total[COUNT] += np.float32(1)
+    total[LIGHT] += np.float32(light)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _choose(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
-    cell, above, offset, slope, reach, sigma_z, texture_in, gap, total, count, bright, start, columns
-):
+def _choose(laid, texture_in, gap, total, start, columns):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     """Sum up anew the cells that hold two surfaces: only the one with more points, the upper one in a tie."""
-    size = len(count)
+    cell, above, sigma_in, local, slope, reach = laid
+    size = len(total)
     first, last = start // columns, (start + size) // columns
     upper = np.zeros(size, np.int32)  # points of the upper surface less those of the lower
     for turn in range(2):
@@ -176,39 +185,59 @@ def _choose(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
             if reach[i, 0] < last and reach[i, 1] >= first:
                 for j in range(cell.shape[1]):
                     n = cell[i, j] - start
-                    if 0 <= n < size and total[n, 7] - total[n, 6] > gap:
-                        high = 2 * above[i, j] > total[n, 6] + total[n, 7]
+                    if 0 <= n < size and total[n, HIGH] - total[n, LOW] > gap:
+                        high = 2 * above[i, j] > total[n, LOW] + total[n, HIGH]
                         if turn == 0:
                             upper[n] += 1 if high else -1
                         elif high == (upper[n] >= 0):
-                            _add(total, count, bright, n, i, j, above, offset, slope, sigma_z, texture_in)
+                            _add(total[n], above[i, j], local[i, j], slope[i, j], sigma_in[i, j], texture_in[i, j])
         if turn == 0:
             for n in range(size):
-                if total[n, 7] - total[n, 6] > gap:
-                    total[n, :6], count[n], bright[n] = 0, 0, 0
+                if total[n, HIGH] - total[n, LOW] > gap:
+                    total[n, :LOW] = 0
 
 
-@nb.njit(cache=True, nogil=True)
-def bridge(source, height, sigma, texture, level, gap, first, last):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
-    """Fill single empty cells between two opposite measured ones of the same surface."""
-    rows, columns = source.shape
-    for row in range(first, last):
-        for column in range(columns):
-            height[row, column] = source[row, column]
-            inner = 0 < row < rows - 1 and 0 < column < columns - 1
-            if source[row, column] == source[row, column] or not inner:
-                continue
-            total, spread, bright, worst, n = 0.0, np.float32(0), 0, np.uint8(0), 0
-            for a, b in ((0, 1), (1, 0), (1, 1), (1, -1)):
-                one, two = source[row - a, column - b], source[row + a, column + b]
-                if abs(one - two) <= gap:  # false where either is NaN
-                    total += one + two
-                    spread = max(spread, sigma[row - a, column - b], sigma[row + a, column + b])
-                    bright += int(texture[row - a, column - b]) + int(texture[row + a, column + b])
-                    worst = max(worst, level[row - a, column - b], level[row + a, column + b])
-                    n += 2
-            if n > 0:
-                height[row, column] = total / n
-                sigma[row, column] = spread
-                texture[row, column] = bright // n
-                level[row, column] = worst
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _lend(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    laid, texture_in, level_in, usual, pitch, gap, spill, wide, total, cover, deepest, rim, first, last, columns
+):
+    """Give covered cells without points the mean of the planes that cover them, weighted by area, of one surface.
+
+    Only pixels at a border lend, but where pixels are wider than two cells all do. In place of the sums: area, height,
+    variance (`ASIDE`) and light.
+    """
+    cell, above, sigma_in, local, slope, reach = laid
+    for i in range(len(cell)):
+        if reach[i, 0] < last + spill and reach[i, 1] >= first - spill:
+            for j in range(cell.shape[1]):
+                if cell[i, j] < 0 or not (wide or sigma_in[i, j] < 0):
+                    continue
+                row = cell[i, j] // columns - first
+                if not -spill <= row < last - first + spill:
+                    continue
+                column = cell[i, j] % columns
+                hx, hy = _half(local[i, j, 2], usual[0]), _half(local[i, j, 3], usual[1])
+                x, y = local[i, j, 0] / np.float32(OFFSET), local[i, j, 1] / np.float32(OFFSET)
+                for a in range(*_cells(row, y, hy, last - first)):
+                    for b in range(*_cells(column, x, hx, columns)):
+                        n = a * columns + b
+                        if total[n, COUNT] > 0 or cover[a, b] < HALF:
+                            continue
+                        area = np.float32(_overlap(row + y, hy, a) * _overlap(column + x, hx, b))
+                        if not area > 0:
+                            continue
+                        right, up = np.float32(b - column - x), np.float32(a - row - y)
+                        rise = slope[i, j, 0] * right + slope[i, j, 1] * up
+                        here = above[i, j] + np.float32(pitch / FINE) * rise
+                        if total[n, WEIGHT] > 0 and abs(total[n, HEIGHT] / total[n, WEIGHT] - here) > gap:
+                            if total[n, WEIGHT] >= area:
+                                continue
+                            total[n, :LOW], deepest[n] = 0, 0
+                        if not wide:
+                            rim[n] = RIM
+                        total[n, WEIGHT] += area
+                        total[n, HEIGHT] += area * here
+                        total[n, ASIDE] += area * sigma_in[i, j] * sigma_in[i, j]
+                        total[n, LIGHT] += area * np.float32(texture_in[i, j])
+                        if level_in[i, j] != LEVEL_NONE:
+                            deepest[n] = max(deepest[n], level_in[i, j])

@@ -14,7 +14,7 @@ from .pixel_maps import PointMap
 from .rig_model import Calibration
 from .slabs import in_slabs
 
-__all__ = ["bow_mm", "doubt_mm", "doubt_of_cells", "narrowed", "with_doubt"]
+__all__ = ["add_rows", "bow_mm", "doubt_mm", "doubt_of_cells", "narrowed", "with_doubt"]
 
 NODES = 17  # per axis of a grid: what is told there varies slowly
 LEAST = 1e-2  # of a point's sigma: what is left of it at least where nearly all of it is the calibration's
@@ -75,17 +75,19 @@ def _at(coarse: Map, pixels: Floats, size: tuple[int, int]) -> Map:
 
 
 def _add(sigma: Map, coarse: Map, sign: float, out: Map) -> None:
-    in_slabs(len(sigma), lambda first, last: _add_rows(sigma, coarse, np.float32(sign), out, first, last))
+    rows = len(sigma)
+    in_slabs(rows, lambda first, last: add_rows(sigma[first:last], coarse, sign, out[first:last], first, rows))
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _add_rows(sigma, coarse, sign, out, first, last):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
-    H, W = sigma.shape
+def add_rows(sigma, coarse, sign, out, top, rows):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """Add (`sign` 1) or take out (-1) what the map says of some rows, the first of which is row `top` of `rows`."""
+    W = sigma.shape[1]
     high, wide = np.float32(coarse.shape[0] - 1), np.float32(coarse.shape[1] - 1)
     line = np.empty(coarse.shape[1], np.float32)
-    least = np.float32(LEAST * LEAST)
-    for i in range(first, last):
-        place = np.float32(i) * high / np.float32(max(H - 1, 1))
+    least, way = np.float32(LEAST * LEAST), np.float32(sign)
+    for i in range(len(sigma)):
+        place = np.float32(top + i) * high / np.float32(max(rows - 1, 1))
         k = min(int(place), coarse.shape[0] - 2)
         a = place - np.float32(k)
         for j in range(len(line)):
@@ -97,4 +99,4 @@ def _add_rows(sigma, coarse, sign, out, first, last):  # type: ignore[no-untyped
             b = place - np.float32(m)
             doubt = line[m] * (np.float32(1) - b) + line[m + 1] * b
             s = sigma[i, j] * sigma[i, j]
-            out[i, j] = np.sqrt(max(s + sign * doubt * doubt, least * s))  # NaN stays NaN
+            out[i, j] = np.sqrt(max(s + way * doubt * doubt, least * s))  # NaN stays NaN

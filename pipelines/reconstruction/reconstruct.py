@@ -12,7 +12,7 @@ from .rig_model import Calibration
 from .subpixel import locate
 from .triangulate import triangulate
 
-__all__ = ["reconstruct"]
+__all__ = ["check_projector", "reconstruct"]
 
 
 def reconstruct(frames: Frames, calibration: Calibration) -> PointMap:
@@ -25,6 +25,23 @@ def reconstruct(frames: Frames, calibration: Calibration) -> PointMap:
     ValueError
         If the images or the patterns are not of the size that was calibrated.
     """
+    check_projector(frames, calibration)
+    points = triangulate(locate(frames), calibration)
+    mixed = reject_mixed(points)
+    for measured in (points.xyz, points.sigma_z, points.projector):  # just made here: nobody else holds them
+        measured[mixed] = np.nan
+    points.level[mixed] = LEVEL_NONE
+    return points
+
+
+def check_projector(frames: Frames, calibration: Calibration) -> None:
+    """Refuse patterns that are not of the projector that was calibrated.
+
+    Raises
+    ------
+    ValueError
+        Saying both sizes.
+    """
     columns, rows = frames.patterns.size
     if frames.patterns.size != calibration.projector.size:
         wide, high = calibration.projector.size
@@ -32,9 +49,3 @@ def reconstruct(frames: Frames, calibration: Calibration) -> PointMap:
             f"patterns for a projector of {columns}x{rows}, but the calibration is for {wide}x{high}: "
             "use the pattern file of the calibration"
         )
-    points = triangulate(locate(frames), calibration)
-    mixed = reject_mixed(points)
-    for measured in (points.xyz, points.sigma_z, points.projector):  # just made here: nobody else holds them
-        measured[mixed] = np.nan
-    points.level[mixed] = LEVEL_NONE
-    return points

@@ -9,15 +9,15 @@ import numpy.typing as npt
 
 from ..grid import Grid
 from ..scan import Scan
-from .grid_kernels import STEEPEST, bridge, fill, lay
+from .lay_kernels import lay, to_site
 from .slabs import in_slabs
+from .surface import Laid, fill_cells
 
 __all__ = ["covering_grid", "regrid"]
 
 Floats = npt.NDArray[np.float64]
 
 APART = 1e6  # cells of one height map share their errors: several in one new cell are worth no more than one
-BAND = 64
 
 
 def regrid(scan: Scan, matrix: Floats, grid: Grid) -> Scan:
@@ -40,35 +40,22 @@ def regrid(scan: Scan, matrix: Floats, grid: Grid) -> Scan:
     Scan
         On `grid`; sigma is carried, not averaged down.
     """
+    size = scan.height.shape
     x, y = np.meshgrid(scan.grid.x_mm, scan.grid.y_mm)
-    xyz = np.stack([x, y, scan.height], axis=-1).astype(np.float32)
-    keep = np.isfinite(scan.height)
-    shape = grid.shape
-    level, texture = np.empty(shape, np.uint8), np.empty(shape, np.uint8)
-    height, raw, sigma = (np.empty(shape, np.float32) for _ in range(3))
-    cell, above = np.empty(keep.shape, np.int32), np.empty(keep.shape, np.float32)
-    offset, slope = np.empty((*keep.shape, 2), np.int8), np.empty((*keep.shape, 2), np.int16)
-    reach = np.empty((len(keep), 2), np.int32)
-    place = (grid.x0_mm, grid.y0_mm, grid.pitch_mm)
-    moved = np.ascontiguousarray(matrix[:3], dtype=np.float64)
-    steepest = STEEPEST * grid.pitch_mm
     spread = np.where(np.isfinite(scan.sigma), scan.sigma, np.float32(1))  # without sigmas all cells count alike
+    planes = np.stack([x, y, scan.height, spread]).astype(np.float32)
+    laid = Laid.room(size)
+    place = (grid.x0_mm, grid.y0_mm, grid.pitch_mm)
+    half = scan.grid.pitch_mm / grid.pitch_mm / 2
+    to_site(planes, np.isfinite(scan.height), np.ascontiguousarray(matrix[:3], dtype=np.float64), 0, size[0])
     in_slabs(
-        len(keep),
-        lambda a, b: lay(xyz, keep, np.inf, moved, place, shape, cell, above, offset, slope, reach, a, b),
+        size[0],
+        lambda a, b: lay(planes, a, b, place, grid.shape, (half, half), *(array[a:b] for array in laid.arrays)),
     )
-    in_slabs(
-        grid.rows,
-        lambda a, b: fill(
-            cell, above, offset, slope, reach, spread, scan.texture, scan.level,
-            steepest, grid.pitch_mm, APART, 0.0, raw, sigma, texture, level, a, b,
-        ),
-        step=BAND,
-    )  # fmt: skip
-    in_slabs(grid.rows, lambda a, b: bridge(raw, height, sigma, texture, level, steepest, a, b))
+    height, sigma, *light = fill_cells(laid, scan.texture, scan.level, grid, (half, half), APART)
     if not np.isfinite(scan.sigma).any():
         sigma[:] = np.nan
-    return Scan(grid, scan.time, height, sigma, texture, level, scan.calibration_id)
+    return Scan(grid, scan.time, height, sigma, light[0], light[1], scan.calibration_id)
 
 
 def covering_grid(

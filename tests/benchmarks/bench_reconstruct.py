@@ -16,7 +16,16 @@ import numpy.typing as npt
 from scipy.ndimage import uniform_filter
 
 from pipelines import Frames, Instant, PatternSet
-from pipelines.reconstruction import Calibration, Decoded, decode, footprint_grid, reconstruct, to_scan, triangulate
+from pipelines.reconstruction import (
+    Calibration,
+    Decoded,
+    decode,
+    footprint_grid,
+    scan_decoded,
+    scan_frames,
+    to_scan,
+    triangulate,
+)
 from pipelines.reconstruction.clean import reject_mixed
 from pipelines.reconstruction.pinhole import project, undistort
 from pipelines.reconstruction.subpixel import refine
@@ -98,11 +107,11 @@ def show_memory() -> None:
     """Print how much memory one scan takes over the frames and the tables of the calibration, in a fresh process."""
     rig = make_rig((COLUMNS, ROWS))
     frames, grid = capture(rig), footprint_grid(rig)
-    to_scan(reconstruct(frames, rig), rig, grid, frames.time)  # compiled code and tables are there now
+    scan_frames(frames, rig, grid)  # compiled code and tables are there now
     ctypes.CDLL(None).malloc_trim(0)
     Path("/proc/self/clear_refs").write_text("5")  # the peak so far belongs to what made the frames
     before = _status_mib("VmRSS")
-    to_scan(reconstruct(frames, rig), rig, grid, frames.time)
+    scan_frames(frames, rig, grid)
     print(f"{_status_mib('VmHWM') - before:.0f}")
 
 
@@ -127,7 +136,8 @@ def main() -> None:
         "triangulate": lambda: triangulate(fine, rig),
         "mixed pixels": lambda: reject_mixed(raw),
         "clean up and grid": lambda: to_scan(raw, rig, grid, frames.time),
-        "the whole way, in memory": lambda: to_scan(reconstruct(frames, rig), rig, grid, frames.time),
+        "points to height map in bands": lambda: scan_decoded(fine, rig, grid, frames.time),
+        "the whole way, in memory": lambda: scan_frames(frames, rig, grid),
     }
     print(
         f"a scan from 42 frames of {COLUMNS}x{ROWS} ({frames.stack.nbytes / 1e6:.0f} MB), {CORES} cores; "

@@ -12,30 +12,29 @@ from scipy.optimize import minimize
 
 from monitor.rigs import BOARD, SimulatedRig, calibration_captures
 from pipelines import Calibration, PatternSet, Scan, parse_instant
-from pipelines.reconstruction import Board, calibrate, footprint_grid, reconstruct, to_scan
+from pipelines.reconstruction import Board, calibrate, footprint_grid, scan_frames
 from pipelines.scenes import Star
 
 pytestmark = pytest.mark.xdist_group("star")  # they share a calibration
 
 PATTERNS = PatternSet("gray", (608, 684))
 NOON = parse_instant("2026-11-22T12:00:00Z")
-CAMERA = (960, 720)
+CAMERA, FULL = (960, 720), (2560, 1440)
 BLACK = {"background_mm": 0.0, "background_reflects": 0.004}
 Floats = npt.NDArray[np.float64]
 
 
 @cache
-def rig_calibration() -> Calibration:
+def rig_calibration(camera: tuple[int, int]) -> Calibration:
     board = Board(BOARD.inner_corners, BOARD.square_mm)
-    return calibrate(calibration_captures({"camera": CAMERA}, PATTERNS, NOON, 4), board)
+    return calibrate(calibration_captures({"camera": camera}, PATTERNS, NOON, 4), board)
 
 
-def scan_star(**options: Any) -> Scan:
-    rig = SimulatedRig(camera=CAMERA, scene="star", scene_options=options)
+def scan_star(camera: tuple[int, int], **options: Any) -> Scan:
+    rig = SimulatedRig(camera=camera, scene="star", scene_options=options)
     rig.open()
-    frames = rig.capture(PATTERNS, NOON)
-    calibration = rig_calibration()
-    return to_scan(reconstruct(frames, calibration), calibration, footprint_grid(calibration), NOON)
+    calibration = rig_calibration(camera)
+    return scan_frames(rig.capture(PATTERNS, NOON), calibration, footprint_grid(calibration))
 
 
 def laid_over(star: Star, scan: Scan) -> tuple[Floats, Floats]:
@@ -58,7 +57,7 @@ def laid_over(star: Star, scan: Scan) -> tuple[Floats, Floats]:
     return placed(x, y, *best.x)
 
 
-@pytest.mark.parametrize(
+STARS = pytest.mark.parametrize(
     "options",
     [{}, {"rim_mm": 1.0}, BLACK, {"rim_mm": 1.0, **BLACK}],
     ids=[
@@ -68,8 +67,21 @@ def laid_over(star: Star, scan: Scan) -> tuple[Floats, Floats]:
         "ridged on black",
     ],
 )
+
+
+@STARS
 def test_the_star_of_the_paper(options: dict[str, Any]) -> None:
-    star, scan = Star(**options), scan_star(**options)
+    judge(CAMERA, options)
+
+
+@pytest.mark.soak
+@STARS
+def test_the_star_of_the_paper_at_full_size(options: dict[str, Any]) -> None:
+    judge(FULL, options)
+
+
+def judge(camera: tuple[int, int], options: dict[str, Any]) -> None:
+    star, scan = Star(**options), scan_star(camera, **options)
     x, y = laid_over(star, scan)
     inside_mm = (1 - star.outline(x, y)) * star.edge_distance_mm
     truth = star.rim + (star.height_mm - star.rim) * inside_mm / star.edge_distance_mm

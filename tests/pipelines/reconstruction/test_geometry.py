@@ -30,8 +30,8 @@ def tilted(x: Floats, y: Floats) -> Floats:
 
 
 def step_with_crack(x: Floats, y: Floats) -> Floats:
-    """1 mm up at x = 0.8, and a crack 0.4 mm wide and 0.6 mm deep along x = -1."""
-    return np.where(x > 0.8, 1.0, 0.0) - np.where(np.abs(x + 1) < 0.2, 0.6, 0.0)
+    """1 mm up at x = 0.8, and cracks 0.4 mm wide and 0.6 mm deep along x = -1 and x = -4.5."""
+    return np.where(x > 0.8, 1.0, 0.0) - np.where((np.abs(x + 1) < 0.2) | (np.abs(x + 4.5) < 0.2), 0.6, 0.0)
 
 
 @cache
@@ -155,16 +155,17 @@ def test_a_tilted_plane_stays_that_plane() -> None:
 def test_edges_stay_sharp_and_crack_floors_stay() -> None:
     scan = scan_of("crack")
     x, y = np.meshgrid(scan.grid.x_mm, scan.grid.y_mm)
-    near = np.isfinite(scan.height) & (np.abs(y) < 3) & (np.abs(x) < 4)
+    near = np.isfinite(scan.height) & (np.abs(y) < 3) & (np.abs(x) < 5)
     height = scan.height[near]
     # 1.0 above, 0 between, -0.6 on the floor; a wall is a wall, not a slope of averages
     off = np.min(np.abs(height[:, None] - np.array([1.0, 0.0, -0.6])), axis=1)
     assert (off > 0.02).mean() < 0.003
     floor = np.abs(scan.height + 0.6) < 0.02
     assert floor.sum() > 1000
-    assert np.abs(x[floor] + 1).max() < 0.25
-    hidden = np.isnan(scan.height) & (np.abs(y) < 3) & (np.abs(x + 1) < 0.2)
-    assert hidden.any()  # what the projector cannot reach is not invented
+    assert np.minimum(np.abs(x[floor] + 1), np.abs(x[floor] + 4.5)).max() < 0.25
+    hidden = np.isnan(scan.height) & (np.abs(y) < 3) & (np.abs(x + 4.5) < 0.2)
+    # the wall hides 0.6 mm x 4.7 / 50 of the floor from the camera: it is not invented
+    assert hidden.sum() * scan.grid.cell_mm2 == pytest.approx(6 * 0.6 * 4.7 / 50, rel=0.3)
 
 
 def test_gaps_wider_than_a_cell_are_not_filled() -> None:

@@ -218,17 +218,14 @@ def test_the_whole_way_is_right_and_says_how_sure_it_is(
     U, _, V = np.linalg.svd((b[good] - cb).T @ (a[good] - ca))
     turned = (points - cb) @ (U @ np.diag([1, 1, np.linalg.det(U @ V)]) @ V) + ca
     true = replace(found, xyz=np.where(found.valid[..., None], turned, np.nan).astype(np.float32))
-    for pitch in (None, 0.05):  # one point in a cell, and ten
+    for pitch in (None, 0.03, 0.05):  # one point in a cell, two, and six
         grid = footprint_grid(rendered_rig, pitch)
         scan, known = (to_scan(each, rendered_rig, grid, frames.time) for each in (found, true))
         both = np.isfinite(scan.height) & np.isfinite(known.height)
         off, sigma = (scan.height - known.height)[both].astype(np.float64), scan.sigma[both]
         ratios = in_bins(off, sigma)
         print(f"  cells of {grid.pitch_mm} mm: sd {1000 * robust_sd(off):.2f} um, over sigma {np.round(ratios, 2)}")
-        if pitch is None:
-            assert np.allclose(ratios, 1, atol=0.2)
-        else:
-            assert np.median(ratios) == pytest.approx(1, abs=0.2)
+        assert np.allclose(ratios, 1, atol=0.2)
 
 
 def test_rendered_surface_from_integer_positions_says_so_in_sigma(shared_data: Path, rendered_rig: Calibration) -> None:
