@@ -35,7 +35,7 @@ F32 = npt.NDArray[np.float32]
 Source = Callable[[int, int, F32], None]
 """Writes x, y, z (camera frame) and sigma of some image rows into planes, (4, row, column)."""
 
-SHARED = 1.5  # widths of the finest stripe over which neighbouring pixels share the errors of its edges
+SHARED = 2.0  # widths of the finest stripe that share an edge's error: the cells at both its sides are placed by it
 USELESS = 0.01  # of the field of view: a point less certain than that tells nothing of a surface
 PIXEL_ROWS = 64  # image rows that are worked on at once: their points stay in the cache
 CELL_ROWS = 16  # rows of the grid, likewise

@@ -140,7 +140,7 @@ def test_two_sides_of_a_crack_make_one(
         error = (scan.height - truth)[sure]
         ratios.append(1.4826 * float(np.median(np.abs(error - np.median(error)) / scan.sigma[sure])))
     print(f"walls covered {np.round(shares, 3)}, error over sigma {np.round(ratios, 2)}")
-    assert max(shares[:2]) < 0.7
+    assert shares[2] > max(shares[:2]) + 0.1
     assert shares[2] > 0.9
     assert ratios[2] == pytest.approx(np.mean(ratios[:2]), rel=0.15)  # as true as the views' own
 
