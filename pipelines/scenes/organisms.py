@@ -59,7 +59,7 @@ class Organisms:
 
     with a mean speed of about `speed_mm_s`, and it heads along the path. Every `bite_s` it bites: over the next
     `bite_s` the substrate sinks by d (1 - r^2 / R^2)^2 within R = `bite_radius_mm` of where it was, d such that a bite
-    takes `bite_mm3` = pi R^2 d / 3. Bites add up; an age before 0 is age 0.
+    takes `bite_mm3` = pi R^2 d / 3. Bites add up, until `meal_s` is over; an age before 0 is age 0.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class Organisms:
         The organisms keep within |x|, |y| < side / 2.
     length_mm, width_mm, height_mm : (float, float)
         Smallest and largest of each.
-    speed_mm_s, apart_mm, bite_s, bite_mm3, bite_radius_mm : float
+    speed_mm_s, apart_mm, bite_s, meal_s, bite_mm3, bite_radius_mm : float
 
     Raises
     ------
@@ -87,6 +87,7 @@ class Organisms:
     speed_mm_s: float = 0.05
     apart_mm: float = 0.4
     bite_s: float = 4.0
+    meal_s: float = 600.0
     bite_mm3: float = 2e-4
     bite_radius_mm: float = 0.15
 
@@ -111,12 +112,12 @@ class Organisms:
         t = max(0.0, elapsed_h) * SECONDS
         a, b, h = _bodies(self)
         (x, y), (vx, vy) = _places(self, t)
-        count = np.full(self.count, int(np.floor(t / self.bite_s)) + 1, dtype=np.int64)
+        count = np.full(self.count, int(np.floor(min(t, self.meal_s) / self.bite_s)) + 1, dtype=np.int64)
         return OrganismsTruth(x, y, np.arctan2(vy, vx), 2 * a, 2 * b, h, np.pi * a * b, np.pi * a * b * h / 2, count)
 
     def eaten_mm3(self, elapsed_h: float) -> float:
         """Volume that all have taken from the substrate since age 0."""
-        t = max(0.0, elapsed_h) * SECONDS
+        t = min(max(0.0, elapsed_h) * SECONDS, self.meal_s)
         whole, part = divmod(t, self.bite_s)
         return self.count * self.bite_mm3 * (whole + part / self.bite_s)
 
@@ -145,7 +146,7 @@ class OrganismsGround:
     def substrate(self, elapsed_h: float) -> Array:
         """Height of the asphalt without its guests, mm."""
         scene = self._scene
-        t = max(0.0, elapsed_h) * SECONDS
+        t = min(max(0.0, elapsed_h) * SECONDS, scene.meal_s)
         deep = 3 * scene.bite_mm3 / (np.pi * scene.bite_radius_mm**2)
         height: Array = self._relief.copy()
         for number in range(int(np.floor(t / scene.bite_s)) + 1):
