@@ -14,7 +14,7 @@ from .quantities import unit_text
 
 __all__ = ["Named", "TrendGroup", "name_metric", "trend_groups"]
 
-_GROUP_TITLES = {"mm3": "Volume change", "mm2": "Areas"}
+_GROUP_TITLES = {"mm3": "Volumes", "mm2": "Areas"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,4 +83,5 @@ def trend_groups(series: pd.DataFrame, units: Mapping[str, str], alike: float = 
 
 def _joined(members: list[Named]) -> str:
     first, *others = (metric.title for metric in members)
-    return " and ".join([first, *(title[:1].lower() + title[1:] for title in others)])
+    *titles, last = [first, *(title[:1].lower() + title[1:] for title in others)]
+    return f"{', '.join(titles)} and {last}"
