@@ -24,6 +24,7 @@ from .layout import (
     add_metric,
     grid_of,
     lay_out,
+    metrics_of,
     root_attributes,
     split_sizes,
 )
@@ -44,6 +45,7 @@ from .repository import create_repository, newest_whole, open_repository, publis
 from .rows import row, write_rows
 from .series import frame_of
 from .store import About, Stored
+from .wholeness import read_newest
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -283,7 +285,7 @@ class IcechunkStore:
         )
 
     def _probe(self, session: Any) -> None:
-        """Read what a whole snapshot must hold: all groups, every table and the newest scan."""
+        """Read what a whole snapshot must hold: all groups, and the newest row of every array."""
         root = root_of(session)
         schema = root.attrs.get("microrelief_schema")
         if not isinstance(schema, int):
@@ -292,10 +294,7 @@ class IcechunkStore:
             raise StoreError(
                 f"{self._folder}: schema {schema} was made by a newer microrelief (this one reads {SCHEMA}): update it"
             )
-        count = root["scans/time"].shape[0]
-        if count:
-            read_scan(root["scans"], count - 1, grid_of(root.attrs))
-            read_change(root["change"], count - 1, grid_of(root.attrs))
+        read_newest(session.store)
 
     def _attach(self, snapshot: str) -> None:
         """Read from another snapshot from now on; its groups are opened when they are asked for."""
@@ -321,7 +320,7 @@ class IcechunkStore:
             software=attributes["software"],
             schema=attributes["microrelief_schema"],
             snapshot="",
-            metrics=dict(self._root["metrics"].attrs["metrics"]),
+            metrics=metrics_of(self._root["metrics"]),
         )
         scans = self._root["scans"]
         height_type = str(scans["height"].dtype)
