@@ -105,13 +105,13 @@ def run_campaign(
     with ExitStack() as stack:
         patterns = read_pattern_set(campaign)
         handed = rig is not None
-        rig = rig_of(campaign) if rig is None else rig
         if now or campaign.schedule.video is not None:
             clock = clock.steady()
         if store is None:  # before the slow and the physical: a store that cannot be written ends it here
             store = _open_existing(campaign)
             if store is not None:
                 stack.callback(store.close)
+        rig = rig_of(campaign, store) if rig is None else rig
         calibration = read_calibration(campaign, patterns, clock.now(), tell)
         tell("opening the rig")
         rig.open()
@@ -128,7 +128,7 @@ def run_campaign(
             tell("warming up")
             _warm_up(rig, campaign, recipe, clock.now(), work, tell)
             rig.close()
-            rig = rig_of(campaign)  # a fresh one: what the other captured, and how often, does not count
+            rig = rig_of(campaign, store)  # a fresh one: what the other captured, and how often, does not count
             rig.open()
             stack.callback(rig.close)
         slots, last = resume_slots(campaign, ledger.rows(), clock.now(), now)
@@ -240,19 +240,15 @@ def campaign_hash(campaign: Campaign, patterns: PatternSet) -> str:
     return _hash({**settings, "patterns": patterns.as_mapping()})
 
 
-def rig_of(campaign: Campaign) -> Rig:
-    """Make a campaign's rig; a scene that ages goes on from the first scan of the store, however often it is restarted.
+def rig_of(campaign: Campaign, store: Store | None) -> Rig:
+    """Make a campaign's rig; a scene that ages goes on from the first scan of its store, however often it is restarted.
 
     Such a rig has an option `started`; what the campaign gives there goes before.
     """
-    options, path = dict(campaign.rig.options), campaign.store.path
-    if "started" in rig_options(campaign.rig.name) and options.get("started") is None and path.exists():
-        store = open_store(path)
-        try:
-            if len(store):
-                options["started"] = format_instant(store[0].scan.time)
-        finally:
-            store.close()
+    options = dict(campaign.rig.options)
+    ages = "started" in rig_options(campaign.rig.name) and options.get("started") is None
+    if ages and store is not None and len(store):
+        options["started"] = format_instant(store[0].scan.time)
     return make_rig(campaign.rig.name, options)
 
 
