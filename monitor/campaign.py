@@ -14,7 +14,7 @@ import numpy as np
 
 from configs import Campaign, InputError
 from pipelines import Calibration, Frames, Grid, Instant, PatternSet, format_instant
-from storage import Ledger, LedgerRow, Store, create_store, ledger_beside, open_store
+from storage import Ledger, LedgerRow, Store, create_store, ledger_beside, open_store, room_of
 
 from . import __version__
 from .clock import Clock
@@ -148,6 +148,8 @@ def run_campaign(
             told=_provenance(campaign, patterns, store),
             notes=not now,
             rig_is_open=True,
+            room=room_of(campaign.store.path, store.about.grid, len(store), campaign.store.reserve_mb).shortage,
+            commit_every_s=campaign.schedule.video.commit_every_s if campaign.schedule.video is not None else 0.0,
         )
         return loop.run(max_scans)
 

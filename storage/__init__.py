@@ -4,28 +4,35 @@ from .capture_folder import read_capture, read_image, write_capture
 from .durable import whole_file
 from .exporters import write_height_map, write_points, write_series
 from .importers import read_height_map
-from .ledger import Ledger, LedgerAddress, LedgerRow, SlotState, ledger_beside
+from .ledger import Ledger, LedgerAddress, LedgerRow, LedgerWriteError, SlotState, ledger_beside
 from .lock import writer_of
 from .pattern_file import read_patterns, write_patterns
+from .room import BYTES_PER_CELL, Room, full_at, room_of, used_bytes
 from .store import About, Store, Stored
 from .stores import STORES, create_store, open_store
 
 __all__ = [
+    "BYTES_PER_CELL",
     "STORES",
     "About",
     "Ledger",
     "LedgerAddress",
     "LedgerRow",
+    "LedgerWriteError",
+    "Room",
     "SlotState",
     "Store",
     "Stored",
     "create_store",
+    "full_at",
     "ledger_beside",
     "open_store",
     "read_capture",
     "read_height_map",
     "read_image",
     "read_patterns",
+    "room_of",
+    "used_bytes",
     "whole_file",
     "write_capture",
     "write_height_map",

@@ -6,7 +6,7 @@ import errno
 import json
 import os
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,7 +29,7 @@ from .layout import (
     split_sizes,
 )
 from .lock import LOCK, WriterLock
-from .order import Place, Tail, place
+from .order import Place, Tail, place_all
 from .packing import HeightType
 from .records import (
     read_change,
@@ -138,23 +138,30 @@ class IcechunkStore:
         return store
 
     def append(self, tick: Tick) -> int | None:
-        """Commit one tick durably; see `Store.append`.
+        """Commit one tick durably; see `append_all`."""
+        return self.append_all([tick])[0]
+
+    def append_all(self, ticks: Sequence[Tick]) -> tuple[int | None, ...]:
+        """Commit ticks durably, as one transaction; see `Store.append_all`.
 
         Raises
         ------
         StoreError
-            If the store is open to read, the tick does not fit (see `order.place`), or the disk does not take it;
+            If the store is open to read, a tick does not fit (see `order.place`), or the disk does not take it;
             then the store is as it was.
         """
         self._writing()
-        where = place(self._tail, tick, self._about.grid or Grid(1, 1, 1.0), self._about.metrics)
-        message, metadata = f"tick {format_instant(tick.planned)}: no scan", {"planned": format_instant(tick.planned)}
-        if where.number is not None:
-            message = f"scan {where.number} of {format_instant(tick.planned)}"
-            metadata["scan"] = str(where.number)
-        self._commit(lambda root: self._write(root, tick, where), message, metadata)
-        self._tail = where.tail
-        return where.number
+        if not ticks:
+            return ()
+        places = place_all(self._tail, ticks, self._about.grid or Grid(1, 1, 1.0), self._about.metrics)
+
+        def write(root: Any) -> None:
+            for tick, where in zip(ticks, places, strict=True):
+                self._write(root, tick, where)
+
+        self._commit(write, *_described(ticks, places))
+        self._tail = places[-1].tail
+        return tuple(where.number for where in places)
 
     def __len__(self) -> int:
         return self._tail.count
@@ -337,6 +344,17 @@ class IcechunkStore:
             calibration_id=str(scans["calibration"][count - 1]),
         )
         return about, height_type, tail
+
+
+def _described(ticks: Sequence[Tick], places: Sequence[Place]) -> tuple[str, dict[str, Any]]:
+    """Give a commit's message and metadata: its newest slot, and its newest scan."""
+    planned = format_instant(ticks[-1].planned)
+    numbers = [where.number for where in places if where.number is not None]
+    if not numbers:
+        return f"tick {planned}: no scan", {"planned": planned}
+    scans = f"scan {numbers[0]}" if len(numbers) == 1 else f"scans {numbers[0]} to {numbers[-1]}"
+    told = f"{scans} of {planned}" if len(numbers) == 1 else f"{scans}, until {planned}"
+    return told, {"planned": planned, "scan": str(numbers[-1])}
 
 
 def _reason(error: BaseException) -> str:

@@ -17,9 +17,9 @@ from pipelines import Event, Instant, Tick, format_instant
 
 from .store import Store
 
-__all__ = ["INTERRUPTED", "Ledger", "LedgerAddress", "LedgerRow", "SlotState", "ledger_beside"]
+__all__ = ["INTERRUPTED", "Ledger", "LedgerAddress", "LedgerRow", "LedgerWriteError", "SlotState", "ledger_beside"]
 
-INTERRUPTED = "the process ended during this scan"
+INTERRUPTED = "the process ended before this scan was stored"
 
 SlotState = Literal["planned", "taken", "missed", "rejected", "failed"]
 FINAL = tuple(state for state in get_args(SlotState) if state != "planned")
@@ -40,6 +40,10 @@ INSERT INTO slots (campaign, planned, state, cause, scan) VALUES (?, ?, ?, ?, ?)
 ON CONFLICT (campaign, planned) DO UPDATE SET state = excluded.state, cause = excluded.cause, scan = excluded.scan
 WHERE state = 'planned'
 """
+
+
+class LedgerWriteError(StoreError):
+    """The disk did not take a row; a later try may succeed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,8 +234,8 @@ class Ledger:
                 self._data.execute("ROLLBACK")
             raise
 
-    def _unwritten(self, error: sqlite3.Error) -> StoreError:
-        return StoreError(f"{self._file}: the ledger was not written: {error}")
+    def _unwritten(self, error: sqlite3.Error) -> LedgerWriteError:
+        return LedgerWriteError(f"{self._file}: the ledger was not written: {error}")
 
     def _ended_so(self, planned: Instant, state: SlotState) -> None:
         """Refuse a second end that is another one."""
