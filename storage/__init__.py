@@ -1,6 +1,8 @@
 """Keeps what pipelines define: stores of scans, folders of captures, files of other programs."""
 
 from .capture_folder import read_capture, read_image, write_capture
+from .care import Collected, Statistics, cite, collect, compact, expire, statistics
+from .copying import copy_store
 from .durable import whole_file
 from .exporters import write_height_map, write_points, write_series
 from .importers import read_height_map
@@ -10,20 +12,30 @@ from .pattern_file import read_patterns, write_patterns
 from .room import BYTES_PER_CELL, Room, full_at, room_of, used_bytes
 from .store import About, Store, Stored
 from .stores import STORES, create_store, open_store
+from .verification import Finding, Verified, verify
 
 __all__ = [
     "BYTES_PER_CELL",
     "STORES",
     "About",
+    "Collected",
+    "Finding",
     "Ledger",
     "LedgerAddress",
     "LedgerRow",
     "LedgerWriteError",
     "Room",
     "SlotState",
+    "Statistics",
     "Store",
     "Stored",
+    "Verified",
+    "cite",
+    "collect",
+    "compact",
+    "copy_store",
     "create_store",
+    "expire",
     "full_at",
     "ledger_beside",
     "open_store",
@@ -32,7 +44,9 @@ __all__ = [
     "read_image",
     "read_patterns",
     "room_of",
+    "statistics",
     "used_bytes",
+    "verify",
     "whole_file",
     "write_capture",
     "write_height_map",

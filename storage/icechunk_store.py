@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-__all__ = ["IcechunkStore"]
+__all__ = ["IcechunkStore", "reason"]
 
 
 class IcechunkStore:
@@ -118,7 +118,7 @@ class IcechunkStore:
                 lock.release()
             shutil.rmtree(making, ignore_errors=True)
             if isinstance(error, (OSError, icechunk.IcechunkError)) and not isinstance(error, StoreError):
-                raise StoreError(f"{folder}: cannot be made: {_reason(error)}") from error
+                raise StoreError(f"{folder}: cannot be made: {reason(error)}") from error
             raise
 
     @staticmethod
@@ -177,7 +177,7 @@ class IcechunkStore:
             return self._read(number)
         # a damaged file shows as whatever the codec above it makes of the bytes
         except (icechunk.IcechunkError, OSError, ValueError, RuntimeError, TypeError) as error:
-            raise StoreError(f"{self._folder}: scan {number} cannot be read: {_reason(error)}") from error
+            raise StoreError(f"{self._folder}: scan {number} cannot be read: {reason(error)}") from error
 
     def window(self, first: Instant | None = None, last: Instant | None = None) -> xr.Dataset:
         """Give the scans between two instants, lazily; see `Store.window`."""
@@ -218,6 +218,21 @@ class IcechunkStore:
         """The Icechunk session at ``about.snapshot``: ``xarray.open_zarr(session.store, group="scans")`` reads it."""
         return self._session
 
+    @property
+    def repository(self) -> Any:
+        """The Icechunk repository."""
+        return self._repository
+
+    @property
+    def folder(self) -> Path:
+        """Where it is."""
+        return self._folder
+
+    @property
+    def lost_now(self) -> tuple[Event, ...]:
+        """What a reader had to leave to find a whole snapshot; a writer has it among its events."""
+        return self._lost
+
     def close(self) -> None:
         """Let go of the writer's lock, if held."""
         if self._lock is not None:
@@ -253,7 +268,7 @@ class IcechunkStore:
         except (icechunk.IcechunkError, OSError) as error:
             if isinstance(error, StoreError):
                 raise
-            raise StoreError(f"{self._folder}: {message} was not stored: {_reason(error)}") from error
+            raise StoreError(f"{self._folder}: {message} was not stored: {reason(error)}") from error
         self._attach(snapshot)
 
     def _write(self, root: Any, tick: Tick, where: Place) -> None:
@@ -357,7 +372,7 @@ def _described(ticks: Sequence[Tick], places: Sequence[Place]) -> tuple[str, dic
     return told, {"planned": planned, "scan": str(numbers[-1])}
 
 
-def _reason(error: BaseException) -> str:
+def reason(error: BaseException) -> str:
     """Say in a line why the disk did not take or give something."""
     if f"os error {errno.ENOSPC}" in str(error) or getattr(error, "errno", None) == errno.ENOSPC:
         return "the disk is full: free some space"

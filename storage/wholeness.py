@@ -8,7 +8,14 @@ from typing import Any
 
 from .layout import FOLD
 
-__all__ = ["read_newest"]
+__all__ = ["faults", "read_newest"]
+
+
+def faults() -> tuple[type[Exception], ...]:
+    """Give what a damaged file shows as: whatever the codec above it makes of the bytes."""
+    import icechunk
+
+    return (icechunk.IcechunkError, OSError, ValueError, RuntimeError, KeyError, IndexError, TypeError)
 
 
 def read_newest(store: Any) -> int:
