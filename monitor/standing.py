@@ -207,7 +207,7 @@ def _disk(path: Path, store: Store, now: Instant) -> tuple[int, int, Instant | N
 
 def is_store(path: Path) -> bool:
     """Whether a path is to be taken as a store: a folder, or no file that could be a campaign."""
-    return path.is_dir() or path.suffix not in (".yaml", ".yml")
+    return path.suffix not in (".yaml", ".yml") or path.is_dir()
 
 
 def no_store(path: Path) -> StoreError:

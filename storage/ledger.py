@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
+from urllib.parse import quote
 
 import numpy as np
 
@@ -107,7 +108,10 @@ class Ledger:
             raise StoreError(f"{self._file}: no such ledger: it is made by `microrelief run`")
         try:
             # the status page reads from another thread; sqlite3 serialises calls itself
-            self._data = sqlite3.connect(self._file, timeout=10.0, isolation_level=None, check_same_thread=False)
+            address = _address(self._file, write=write)
+            self._data = sqlite3.connect(
+                address, timeout=10.0, isolation_level=None, check_same_thread=False, uri=address.startswith("file:")
+            )
             if write:
                 self._data.execute("PRAGMA journal_mode = WAL")
                 self._data.execute("PRAGMA synchronous = FULL")
@@ -261,6 +265,13 @@ class Ledger:
         names = [name for (name,) in self._data.execute("SELECT name FROM sqlite_master WHERE type = 'table'")]
         if names and "slots" not in names:
             raise sqlite3.DatabaseError(f"it has a table {names[0]}, and no slots")
+
+
+def _address(file: Path, *, write: bool) -> str:
+    """Give what SQLite is to open. To read a ledger it makes two files beside it, unless told that nobody writes."""
+    if write or os.access(file.parent, os.W_OK, effective_ids=os.access in os.supports_effective_ids):
+        return str(file)
+    return f"file:{quote(str(file))}?immutable=1"
 
 
 def _as_stored(

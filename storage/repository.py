@@ -55,12 +55,10 @@ def open_repository(folder: Path) -> Any:
     StoreError
         If there is nothing at `folder`, or something else.
     """
-    if not folder.exists():
-        raise StoreError(f"{folder}: no such store: check the path, or make one with `microrelief run`")
-    if not folder.is_dir():
-        raise StoreError(f"{folder}: is a file, not a store: a store is a folder")
-    if not (folder / "snapshots").is_dir() or not (folder / "refs").is_dir():
-        raise StoreError(f"{folder}: is no store: it has no snapshots; give the folder that `microrelief run` made")
+    try:
+        _look(folder)
+    except PermissionError as error:
+        raise StoreError(f"{folder}: cannot be read: {error.strerror}: whose is it?") from None
     import icechunk
 
     _quiet()
@@ -71,6 +69,16 @@ def open_repository(folder: Path) -> Any:
         if _mend_reference(folder):
             return icechunk.Repository.open(storage)
         raise StoreError(f"{folder}: cannot be opened: {short(error)}") from None
+
+
+def _look(folder: Path) -> None:
+    """Refuse what is no folder of a store."""
+    if not folder.exists():
+        raise StoreError(f"{folder}: no such store: check the path, or make one with `microrelief run`")
+    if not folder.is_dir():
+        raise StoreError(f"{folder}: is a file, not a store: a store is a folder")
+    if not (folder / "snapshots").is_dir() or not (folder / "refs").is_dir():
+        raise StoreError(f"{folder}: is no store: it has no snapshots; give the folder that `microrelief run` made")
 
 
 def root_of(session: Any, mode: Literal["r", "r+"] = "r") -> Any:
