@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from .layout import FOLD
+from .rows import all_of
 
 __all__ = ["faults", "read_newest"]
 
@@ -47,7 +48,7 @@ async def _read_all(store: Any) -> int:
             if path.startswith("binned/") and path != "binned/time":  # folded, under the name that schema 1 gave it
                 continue
             raise ValueError(f"{path} holds {array.shape[0]} scans, scans/time {count}")
-    await asyncio.gather(*(_read_row(array, _newest(path, array, count)) for path, array in arrays.items()))
+    await all_of(_read_row(array, _newest(path, array, count)) for path, array in arrays.items())
     return count
 
 

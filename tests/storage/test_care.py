@@ -10,6 +10,7 @@ import tarfile
 from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -87,7 +88,7 @@ def test_expired_snapshots_go_and_cited_ones_stay(tmp_path: Path) -> None:
     assert isinstance(store, IcechunkStore)
     import zarr
 
-    then = zarr.open_group(store.repository.readonly_session(tag=name).store, mode="r")
+    then: Any = zarr.open_group(store.repository.readonly_session(tag=name).store, mode="r")
     assert then["scans/time"].shape == (2,)
     np.testing.assert_array_equal(then["scans/texture"][1], store[1].scan.texture)
     assert verify(path).findings == ()

@@ -8,6 +8,7 @@ import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -105,16 +106,16 @@ def _edit(change: Callable[[zarr.Group], None]) -> Callable[[Path], None]:
     return edit
 
 
-def _set(name: str, index: object, value: object) -> Callable[[Path], None]:
+def _set(name: str, index: Any, value: Any) -> Callable[[Path], None]:
     def change(root: zarr.Group) -> None:
         array = root[name]
         assert isinstance(array, zarr.Array)
-        array[index] = value  # type: ignore[index]  # an index
+        array[index] = value
 
     return _edit(change)
 
 
-def _attribute(name: str, key: str, value: object) -> Callable[[Path], None]:
+def _attribute(name: str, key: str, value: Any) -> Callable[[Path], None]:
     return _edit(lambda root: root[name].attrs.__setitem__(key, value))
 
 

@@ -6,7 +6,7 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -101,12 +101,12 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize(("damage", "line", "code", "told"), BAD, ids=[f"{r[0].__name__[1:]}, {r[1][:9]}" for r in BAD])  # type: ignore[attr-defined]  # a function
+@pytest.mark.parametrize(("damage", "line", "code", "told"), BAD, ids=[f"{r[0].__name__[1:]}, {r[1][:9]}" for r in BAD])
 def test_one_clear_line_and_nothing_made_worse(
-    here: Path, capfd: pytest.CaptureFixture[str], damage: object, line: str, code: int, told: str
+    here: Path, capfd: pytest.CaptureFixture[str], damage: Callable[[Path], None], line: str, code: int, told: str
 ) -> None:
     path = made(here)
-    damage(path)  # type: ignore[operator]  # a row of the table
+    damage(path)
     before = hashes(here)
     capfd.readouterr()
     assert run_tokens(line.format(s=path, o=here / "out").split()) == code
