@@ -128,8 +128,8 @@ def compact(path: str | Path, age: timedelta = SAFE_AGE) -> Collected:
     """Drop all history but the newest and the cited snapshots, then collect: `expire` and `collect` in one.
 
     Nothing else makes a store smaller: its arrays are chunked for reading, coarse histories are folded as they grow,
-    and manifests are split as they are meant to be: writing them anew made a store of ten small scans larger, from 79
-    to 127 kB.
+    and manifests are split as they are meant to be: writing them anew made a store of ten small scans larger by
+    half.
 
     Parameters
     ----------
