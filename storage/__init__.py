@@ -1,31 +1,48 @@
 """Keeps what pipelines define: stores of scans, folders of captures, files of other programs."""
 
 from .capture_folder import read_capture, read_image, write_capture
+from .care import Collected, Statistics, cite, collect, compact, expire, statistics
+from .copying import copy_store
 from .durable import whole_file
 from .exporters import write_height_map, write_points, write_series
 from .history import cell_history, find_scan, line_history
 from .importers import read_height_map
-from .ledger import Ledger, LedgerAddress, LedgerRow, SlotState, ledger_beside
+from .ledger import Ledger, LedgerAddress, LedgerRow, LedgerWriteError, SlotState, ledger_beside
 from .location import store_exists, writer_of
 from .network import network_file_system
 from .past import Snapshot, snapshots
 from .pattern_file import read_patterns, write_patterns
+from .room import BYTES_PER_CELL, Room, full_at, room_of, used_bytes
 from .store import About, Store, Stored
 from .stores import STORES, create_store, open_store
+from .verification import Finding, Verified, verify
 
 __all__ = [
+    "BYTES_PER_CELL",
     "STORES",
     "About",
+    "Collected",
+    "Finding",
     "Ledger",
     "LedgerAddress",
     "LedgerRow",
+    "LedgerWriteError",
+    "Room",
     "SlotState",
     "Snapshot",
+    "Statistics",
     "Store",
     "Stored",
+    "Verified",
     "cell_history",
+    "cite",
+    "collect",
+    "compact",
+    "copy_store",
     "create_store",
+    "expire",
     "find_scan",
+    "full_at",
     "ledger_beside",
     "line_history",
     "network_file_system",
@@ -34,8 +51,12 @@ __all__ = [
     "read_height_map",
     "read_image",
     "read_patterns",
+    "room_of",
     "snapshots",
+    "statistics",
     "store_exists",
+    "used_bytes",
+    "verify",
     "whole_file",
     "write_capture",
     "write_height_map",

@@ -17,11 +17,14 @@ INLINE_BYTES = 1100
 
 
 def _quiet() -> None:
-    """Icechunk warns on stderr, at each opening, that local folders are unsafe for two writers: we hold a lock."""
+    """Icechunk warns on stderr, at each opening, that local folders are unsafe for two writers: we hold a lock.
+
+    And it logs a torn file before it raises, in twenty lines.
+    """
     import icechunk
 
     if "ICECHUNK_LOG" not in os.environ:
-        icechunk.set_logs_filter("error")
+        icechunk.set_logs_filter("off")
 
 
 def create_repository(location: Location, splits: tuple[int, int], cells: tuple[str, ...]) -> Any:
