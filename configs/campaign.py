@@ -139,6 +139,11 @@ class StoreSettings(_Settings):
         description="Folder of the store, relative to this file, or s3://BUCKET/PREFIX; made by the first run."
     )
     kind: Text = Field(default="icechunk", description="Kind of store.")
+    reserve_mb: Annotated[float, Strict(), Field(ge=0, allow_inf_nan=False)] | None = Field(
+        default=None,
+        description="Stop scanning while the disk has less than this free, MB. Without it the greater of 500 MB and "
+        "ten scans, but no more than a twentieth of the disk.",
+    )
     folder: FolderPath = Field(
         default=Path(),
         validate_default=True,
@@ -181,6 +186,11 @@ class Video(_Settings):
     rate_hz: Positive = Field(description="Scans per second, 1 for one a second.", le=1000)
     for_: Duration | None = Field(
         default=None, alias="for", description="How long each recording lasts; without it, until it is stopped."
+    )
+    commit_every_s: Annotated[float, Strict(), Field(ge=0, le=3600, allow_inf_nan=False)] = Field(
+        default=0.0,
+        description="Commit scans in groups, s: less work for each, and a power cut loses at most the last group. "
+        "0: each scan at once.",
     )
 
 

@@ -14,7 +14,17 @@ import numpy as np
 
 from configs import Campaign, InputError
 from pipelines import Calibration, Frames, Grid, Instant, PatternSet, format_instant
-from storage import Ledger, LedgerRow, Store, create_store, ledger_beside, network_file_system, open_store, store_exists
+from storage import (
+    Ledger,
+    LedgerRow,
+    Store,
+    create_store,
+    ledger_beside,
+    network_file_system,
+    open_store,
+    room_of,
+    store_exists,
+)
 
 from . import __version__
 from .clock import Clock
@@ -107,7 +117,6 @@ def run_campaign(
     with ExitStack() as stack:
         patterns = read_pattern_set(campaign)
         handed = rig is not None
-        rig = rig_of(campaign) if rig is None else rig
         if now or campaign.schedule.video is not None:
             clock = clock.steady()
         remote = network_file_system(campaign.store.path)
@@ -117,6 +126,7 @@ def run_campaign(
             store = _open_existing(campaign)
             if store is not None:
                 stack.callback(store.close)
+        rig = rig_of(campaign, store) if rig is None else rig
         calibration = read_calibration(campaign, patterns, clock.now(), tell)
         tell("opening the rig")
         rig.open()
@@ -133,7 +143,7 @@ def run_campaign(
             tell("warming up")
             _warm_up(rig, campaign, recipe, clock.now(), work, tell)
             rig.close()
-            rig = rig_of(campaign)  # a fresh one: what the other captured, and how often, does not count
+            rig = rig_of(campaign, store)  # a fresh one: what the other captured, and how often, does not count
             rig.open()
             stack.callback(rig.close)
         slots, last = resume_slots(campaign, ledger.rows(), clock.now(), now)
@@ -153,6 +163,8 @@ def run_campaign(
             told=_provenance(campaign, patterns, store),
             notes=not now,
             rig_is_open=True,
+            room=room_of(campaign.store.path, store.about.grid, len(store), campaign.store.reserve_mb).shortage,
+            commit_every_s=campaign.schedule.video.commit_every_s if campaign.schedule.video is not None else 0.0,
         )
         return loop.run(max_scans)
 
@@ -245,19 +257,15 @@ def campaign_hash(campaign: Campaign, patterns: PatternSet) -> str:
     return _hash({**settings, "patterns": patterns.as_mapping()})
 
 
-def rig_of(campaign: Campaign) -> Rig:
-    """Make a campaign's rig; a scene that ages goes on from the first scan of the store, however often it is restarted.
+def rig_of(campaign: Campaign, store: Store | None) -> Rig:
+    """Make a campaign's rig; a scene that ages goes on from the first scan of its store, however often it is restarted.
 
     Such a rig has an option `started`; what the campaign gives there goes before.
     """
-    options, path = dict(campaign.rig.options), campaign.store.path
-    if "started" in rig_options(campaign.rig.name) and options.get("started") is None and store_exists(path):
-        store = open_store(path)
-        try:
-            if len(store):
-                options["started"] = format_instant(store[0].scan.time)
-        finally:
-            store.close()
+    options = dict(campaign.rig.options)
+    ages = "started" in rig_options(campaign.rig.name) and options.get("started") is None
+    if ages and store is not None and len(store):
+        options["started"] = format_instant(store[0].scan.time)
     return make_rig(campaign.rig.name, options)
 
 

@@ -35,6 +35,8 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "scan": ("run:scan", "Take one scan now."),
     "video": ("video:video", "Record continuous 3D video."),
     "status": ("status:status", "Say how a campaign stands: last, next, missed, alarms."),
+    "verify": ("verify:verify", "Read every chunk of a store and check every invariant."),
+    "store": ("store:store", "Take care of a store: gc, expire, compact, stat, copy."),
     "review": ("review:review", "Look through a store on the Rerun timeline."),
     "report": ("report:report", "Write a trend report."),
     "track": ("track:track", "Follow what moves on a surface through a store."),

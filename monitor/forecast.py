@@ -12,14 +12,12 @@ import numpy as np
 
 from configs import Campaign, InputError, format_duration
 from pipelines import Instant, PatternSet, as_datetime, format_instant
+from storage import BYTES_PER_CELL, used_bytes
 
 from .campaign import read_pattern_set, resume_point, simulated_calibration_file
 from .scheduler import Slots, grace_of, slots_between
 
 __all__ = ["bytes_per_scan", "forecast_lines", "next_slots", "stored_bytes"]
-
-BYTES_PER_CELL = 4.0
-"""A stored scan with its change, compressed: 2.8 to 3.8 were measured on the simulated soil."""
 
 SHOWN = 6
 DAY = np.timedelta64(86400 * 10**9, "ns")
@@ -87,7 +85,7 @@ def stored_bytes(store: str | Path) -> float | None:
     from storage import open_store
 
     count = len(open_store(store))
-    return sum(file.stat().st_size for file in store.rglob("*") if file.is_file()) / count if count else None
+    return used_bytes(store) / count if count else None
 
 
 def patterns_told(patterns: PatternSet) -> str:

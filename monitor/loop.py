@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import groupby
 from threading import Event as Flag
-from typing import Protocol, get_args
+from typing import get_args
 
 import structlog
 
 from configs import CaptureError, DeviceUnavailable
-from pipelines import Event, Frames, Instant, Tick, format_instant
+from pipelines import AlarmState, Frames, Instant, Tick, format_instant
 from storage import Store
 
 from . import __version__
 from .clock import Clock, seconds_between
+from .committing import Committer, LedgerLike
 from .rigs import Rig
 from .scheduler import Slots, slots_between
 from .visit import Epoch, Recipe, State, Yield, failed_tick, visit
@@ -28,23 +29,8 @@ NOT_RUNNING = "microrelief was not running"
 ASLEEP = "the machine slept, or its clock was set forward"
 BEGAN = "monitoring began"
 ENDED = "monitoring ended"
+ROOM_AGAIN = "the disk has room again"
 _log = structlog.get_logger("microrelief.loop")
-
-
-class LedgerLike(Protocol):
-    """What the loop needs of the ledger."""
-
-    def plan(self, planned: Instant) -> None:
-        """Note that a slot is being worked on."""
-        ...
-
-    def settle(self, planned: Instant, state: State, cause: str = "", scan: int | None = None) -> None:
-        """Note how a slot ended, and with which scan; one that was never worked on need not be planned before."""
-        ...
-
-    def settle_all(self, planned: Sequence[Instant], state: State, cause: str = "") -> None:
-        """Note at once how many slots ended that nobody worked on."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,6 +129,10 @@ class Loop:
         What the note of the beginning says of the campaign.
     notes : bool
         Note the beginning and the end in the store; a single scan is neither.
+    room : callable
+        Says why the disk has no room for another scan; empty where it has.
+    commit_every_s : float
+        Commit in groups of what came within so many seconds; 0 commits each visit.
     """
 
     slots: Slots
@@ -160,7 +150,12 @@ class Loop:
     told: str = ""
     notes: bool = True
     rig_is_open: bool = False
+    room: Callable[[], str] = lambda: ""
+    commit_every_s: float = 0.0
+    _commits: Committer = field(init=False)
     _epoch: Epoch | None = None
+    _stored_alarms: Mapping[str, AlarmState] = field(default_factory=dict)
+    _crowded: bool = False
     _started: Instant = field(init=False)
     _busy_until: Instant = field(init=False)
     _counts: dict[State, int] = field(default_factory=lambda: dict.fromkeys(get_args(State), 0))
@@ -172,12 +167,15 @@ class Loop:
         """Go on until the schedule is over, `stop` is set, or `max_scans` visits were made (well or not)."""
         if len(self.store):
             newest = self.store[-1]
+            self._stored_alarms = newest.alarms
             self._epoch = Epoch(self.store[newest.baseline].scan, newest.alarms)
+        self._commits = Committer(self.store, self.clock, self.commit_every_s)
         self._started = self._busy_until = self.clock.now()
         self._note(f"{BEGAN}: microrelief {__version__}" + (f", {self.told}" if self.told else ""))
         visits = 0
         while not self.stop.is_set() and (max_scans is None or visits < max_scans):
             slot = self.slots.after(self.last)
+            self._commits.flush_before(slot)
             if slot is None:
                 break
             self.on_wait(slot)
@@ -188,6 +186,7 @@ class Loop:
             if slot is not None:
                 self._visit(slot)
                 visits += 1
+        self._commits.flush()
         why = "asked to stop" if self.stop.is_set() else "visits done" if visits == max_scans else "schedule over"
         self._note(f"{ENDED}: {why}, {self._counts['taken']} taken")
         return Outcome(**self._counts, away=self._away, lags_s=tuple(self._lags), stopped=self.stop.is_set())
@@ -196,8 +195,8 @@ class Loop:
         """Note in the store that monitoring began or ended: without the end, somebody pulled the plug."""
         if not self.notes:
             return
-        now = self.clock.now()
-        self._append(Tick(now, events=(Event(now, "note", text),)))
+        self._commits.note(self.clock.now(), "note", text)
+        self._commits.flush()
 
     def _newest_due(self, slot: Instant) -> Instant | None:
         """Of all slots that are due, miss all but the newest, and that too if its grace is over."""
@@ -216,32 +215,57 @@ class Loop:
 
     def _miss(self, missed: list[Instant], cause: str, now: Instant) -> None:
         """Record missed slots: a row each in the ledger, one event for all of them in the store."""
-        self.ledger.settle_all(missed, "missed", cause)
+        self._commits.record(lambda: self.ledger.settle_all(missed, "missed", cause))
         self.last = missed[-1]
         if cause == NOT_RUNNING:
             self._away += len(missed)
         gap = Settled(missed[-1], "missed", cause, count=len(missed), first=missed[0])
-        self._append(failed_tick(missed[-1], now, "missed", gap.told))
-        self._tell(gap)
+        self._commits.add(failed_tick(missed[-1], now, "missed", gap.told), lambda number, why: self._tell(gap))
 
     def _visit(self, planned: Instant) -> None:
         """Make one visit; whatever goes wrong in it is recorded, and the campaign goes on."""
         began = self.clock.now()
         lag = seconds_between(planned, began)
-        self.ledger.plan(planned)
+        self._commits.record(lambda: self.ledger.plan(planned))
         self.last = planned
         self._unavailable = False
-        tick, state, cause = self._work(planned, began)
-        number = self._append(tick)
-        if number is None and tick.scan is not None:
-            state, cause = "failed", "the store did not take the scan; the log says why"
-        self.ledger.settle(planned, state, cause, number)
-        if number is not None:
-            self._after_scan(number, tick)
+        crowded = self.room()
+        if crowded:
+            tick, state, cause = self._without_room(planned, began, crowded)
+        else:
+            self._note_room(began)
+            tick, state, cause = self._work(planned, began)
+        begins = self._epoch is None or tick.change is None
+        if tick.scan is not None and not begins and self._epoch is not None:
+            self._epoch = Epoch(self._epoch.baseline, tick.alarms)
+        unavailable = self._unavailable
+
+        def done(number: int | None, why: str) -> None:
+            ended, because = state, cause
+            if number is None and tick.scan is not None:
+                ended, because = "failed", f"not stored: {why}"
+            self._commits.record(lambda: self.ledger.settle(planned, ended, because, number))
+            self._after(number, tick, begins)
+            self._busy_until = self.clock.now()
+            took = seconds_between(began, self._busy_until)
+            self._lags.append(lag)
+            self._tell(Settled(planned, ended, because, number, tick, unavailable, lag, took))
+
+        if crowded and not tick.events:
+            done(None, "")  # told once in the store, in the ledger for each slot: the reserve is not to be written full
+        else:
+            self._commits.add(tick, done, at_once=begins and tick.scan is not None)
         self._busy_until = self.clock.now()
-        took = seconds_between(began, self._busy_until)
-        self._lags.append(lag)
-        self._tell(Settled(planned, state, cause, number, tick, self._unavailable, lag, took))
+
+    def _without_room(self, planned: Instant, began: Instant, why: str) -> tuple[Tick, State, str]:
+        """Fail a visit without a capture, before the disk is full."""
+        known, self._crowded = self._crowded, True
+        return (Tick(planned) if known else failed_tick(planned, began, "failed", why)), "failed", why
+
+    def _note_room(self, now: Instant) -> None:
+        if self._crowded:
+            self._crowded = False
+            self._commits.note(now, "note", ROOM_AGAIN)
 
     def _work(self, planned: Instant, began: Instant) -> tuple[Tick, State, str]:
         try:
@@ -270,20 +294,17 @@ class Loop:
         text = f"unexpected {type(error).__name__}: {error}"
         return failed_tick(planned, began, "failed", text), "failed", text
 
-    def _append(self, tick: Tick) -> int | None:
-        """Commit a tick; a store that refuses costs this tick and no more."""
-        try:
-            return self.store.append(tick)
-        except Exception as error:  # noqa: BLE001 - a full disk is mended by people, and the campaign then goes on
-            _log.error("store", error=f"{type(error).__name__}: {error}", traceback=traceback.format_exc())
-            return None
-
-    def _after_scan(self, number: int, tick: Tick) -> None:
+    def _after(self, number: int | None, tick: Tick, begins: bool) -> None:
         """Hold the epoch's baseline as the store gives it back, so that a restart compares with the same numbers."""
-        if self._epoch is None or tick.change is None:
+        if tick.scan is None:
+            return
+        if number is None:  # refused: the next alarm is judged against what is kept
+            if self._epoch is not None:
+                self._epoch = Epoch(self._epoch.baseline, self._stored_alarms)
+            return
+        self._stored_alarms = tick.alarms
+        if begins:
             self._epoch = Epoch(self.store[number].scan, tick.alarms)
-        else:
-            self._epoch = Epoch(self._epoch.baseline, tick.alarms)
 
     def _tell(self, settled: Settled) -> None:
         self._counts[settled.state] += settled.count

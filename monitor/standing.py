@@ -11,9 +11,20 @@ from pathlib import Path
 import numpy as np
 
 from configs import Campaign, ConfigError, StoreError, parse_campaign
-from pipelines import AlarmState, Instant, as_datetime, format_instant, instant
+from pipelines import AlarmState, Instant, format_instant
 from pipelines.trends import worst_state
-from storage import Ledger, LedgerAddress, LedgerRow, Store, ledger_beside, open_store, writer_of
+from storage import (
+    Ledger,
+    LedgerAddress,
+    LedgerRow,
+    Store,
+    full_at,
+    ledger_beside,
+    open_store,
+    room_of,
+    used_bytes,
+    writer_of,
+)
 
 from .campaign import resume_slots
 from .clock import seconds_between
@@ -37,7 +48,8 @@ class Standing:
     ----------
     site, store : str
     state : str
-        ``alarm``, ``degraded`` (of the newest slots some were missed, rejected or failed, or a slot is overdue),
+        ``alarm``, ``degraded`` (of the newest slots some were missed, rejected or failed, a slot is overdue, the disk
+        is almost full, or scans were lost),
         ``warning``, ``empty`` (no scan yet) or ``ok``.
     running : bool
         Whether a process holds the store for writing.
@@ -112,7 +124,9 @@ def look(path: str | Path, now: Instant, campaign: Campaign | None = None) -> St
     running = writer_of(path) is not None
     coming, overdue = _due(campaign, rows, now, running=running, ended=_ended(store))
     alarms = dict(newest.alarms) if newest is not None else {}
-    state, why = _judge(rows, alarms, overdue, _lost(store, rows), empty=newest is None)
+    reserve = campaign.store.reserve_mb if campaign is not None else None
+    crowded = room_of(path, store.about.grid, len(store), reserve).shortage()
+    state, why = _judge(rows, alarms, overdue, crowded or _lost(store, rows), empty=newest is None)
     disk, free, full = _disk(path, store, now)
     return Standing(
         store.about.site, store.about.location, state, running, len(store),
@@ -175,16 +189,16 @@ def _lost(store: Store, rows: tuple[LedgerRow, ...]) -> str:
 
 
 def _judge(
-    rows: tuple[LedgerRow, ...], alarms: Mapping[str, AlarmState], overdue: int, lost: str, *, empty: bool
+    rows: tuple[LedgerRow, ...], alarms: Mapping[str, AlarmState], overdue: int, trouble: str, *, empty: bool
 ) -> tuple[str, str]:
     worst = worst_state(alarms.values())
     if worst == "alarm":
         return "alarm", "in alarm: " + ", ".join(name for name, state in alarms.items() if state == "alarm")
     bad = [row for row in rows[-RECENT:] if row.state in ("missed", "rejected", "failed")]
-    if overdue:
+    if overdue and not trouble:
         return "degraded", f"{overdue} {'slot is' if overdue == 1 else 'slots are'} overdue and nobody answered"
-    if lost:
-        return "degraded", lost
+    if trouble:
+        return "degraded", trouble
     if bad:
         text = f"{len(bad)} of the newest {min(len(rows), RECENT)} slots not taken; the last: {bad[-1].state}"
         return "degraded", f"{text} {format_instant(bad[-1].planned)}, {bad[-1].cause}"
@@ -199,20 +213,15 @@ def _disk(path: str | Path, store: Store, now: Instant) -> tuple[int, int, Insta
     path = Path(path)
     if not path.is_dir():  # on S3: as much room as is paid for
         return 0, 0, None
-    used = sum(file.stat().st_size for file in path.rglob("*") if file.is_file())
-    free = shutil.disk_usage(path).free
-    if len(store) < 2:
-        return used, free, None
-    seconds = seconds_between(store[0].scan.time, store[-1].scan.time)
-    left = free / used * seconds * len(store) / (len(store) - 1)
-    if not 0 < left < 100 * 365 * 86400:
-        return used, free, None
-    return used, free, instant(as_datetime(now + np.timedelta64(round(left), "s")))
+    used, free = used_bytes(path), shutil.disk_usage(path).free
+    count = len(store)
+    full = full_at(now, free, used, store[0].scan.time, store[-1].scan.time, count) if count > 1 else None
+    return used, free, full
 
 
 def is_store(path: Path) -> bool:
     """Whether a path is to be taken as a store: a folder, or no file that could be a campaign."""
-    return path.is_dir() or path.suffix not in (".yaml", ".yml")
+    return path.suffix not in (".yaml", ".yml") or path.is_dir()
 
 
 def no_store(path: str | Path) -> StoreError:

@@ -1,35 +1,52 @@
 """Keeps what pipelines define: stores of scans, folders of captures, files of other programs."""
 
 from .capture_folder import read_capture, read_image, write_capture
+from .care import Collected, Statistics, cite, collect, compact, expire, statistics
+from .copying import copy_store
 from .durable import whole_file
 from .exporters import write_height_map, write_points, write_series
 from .history import cell_history, find_scan, line_history
 from .importers import read_height_map
-from .ledger import Ledger, LedgerAddress, LedgerRow, SlotState, ledger_beside
+from .ledger import Ledger, LedgerAddress, LedgerRow, LedgerWriteError, SlotState, ledger_beside
 from .location import store_exists, writer_of
 from .network import network_file_system
 from .past import Snapshot, snapshots
 from .pattern_file import read_patterns, write_patterns
 from .point_file import holds_points, read_points
+from .room import BYTES_PER_CELL, Room, full_at, room_of, used_bytes
 from .stage_file import StageFile, StagePosition, read_stage
 from .store import About, Store, Stored
 from .stores import STORES, create_store, open_store
+from .verification import Finding, Verified, verify
 
 __all__ = [
+    "BYTES_PER_CELL",
     "STORES",
     "About",
+    "Collected",
+    "Finding",
     "Ledger",
     "LedgerAddress",
     "LedgerRow",
+    "LedgerWriteError",
+    "Room",
     "SlotState",
     "Snapshot",
     "StageFile",
     "StagePosition",
+    "Statistics",
     "Store",
     "Stored",
+    "Verified",
     "cell_history",
+    "cite",
+    "collect",
+    "compact",
+    "copy_store",
     "create_store",
+    "expire",
     "find_scan",
+    "full_at",
     "holds_points",
     "ledger_beside",
     "line_history",
@@ -41,8 +58,12 @@ __all__ = [
     "read_patterns",
     "read_points",
     "read_stage",
+    "room_of",
     "snapshots",
+    "statistics",
     "store_exists",
+    "used_bytes",
+    "verify",
     "whole_file",
     "write_capture",
     "write_height_map",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cached_property
 from secrets import token_hex
 from typing import Any
@@ -79,6 +79,17 @@ class Bucket:
     def snapshots(self) -> list[str]:
         """Give the ids of all snapshots that are there and not empty."""
         return [name for name, size in self._objects.below(f"{self._prefix}/snapshots/") if size > 0]
+
+    def sizes(self) -> Iterator[tuple[str, int]]:
+        """Give the name and the bytes of every object."""
+        return self._objects.below(f"{self._prefix}/")
+
+    def free(self) -> int | None:
+        """None: as much as is paid for."""
+        return None
+
+    def sync(self) -> None:
+        """Nothing is left to do: an object is kept once the server says so."""
 
     def mend(self) -> bool:
         """Mend nothing: an object is written whole or not at all."""

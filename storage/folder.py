@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,12 @@ class Folder:
 
     def check(self) -> None:
         """Raise StoreError, saying what is wrong, where this can be no store."""
+        try:
+            self._look()
+        except PermissionError as error:
+            raise StoreError(f"{self}: cannot be read: {error.strerror}: whose is it?") from None
+
+    def _look(self) -> None:
         if not self.path.exists():
             raise StoreError(f"{self}: no such store: check the path, or make one with `microrelief run`")
         if not self.path.is_dir():
@@ -86,10 +93,26 @@ class Folder:
         """Give the ids of all snapshots that are there and not empty."""
         return sorted(path.name for path in (self.path / "snapshots").iterdir() if path.stat().st_size > 0)
 
+    def sizes(self) -> Iterator[tuple[str, int]]:
+        """Give the name and the bytes of every file, while others may write here."""
+        for where, _, names in os.walk(self.path):
+            for name in names:
+                file = Path(where) / name
+                with suppress(OSError):  # renamed or removed a moment ago
+                    yield file.relative_to(self.path).as_posix(), file.stat().st_size
+
+    def free(self) -> int | None:
+        """Give the bytes free on its disk."""
+        return shutil.disk_usage(self.path).free
+
+    def sync(self) -> None:
+        """Put everything that was written on the disk."""
+        sync_file_system(self.path)
+
     def mend(self) -> bool:
-        """Point a torn ``ref.json`` (zeros, or nothing, after a power cut) at the newest written snapshot."""
+        """Point a torn ``ref.json`` (empty, zeros or cut short after a power cut) at the newest written snapshot."""
         file = self._reference
-        if not file.is_file() or file.read_bytes().strip(b"\0 \n"):
+        if not file.is_file() or b"}" in file.read_bytes():
             return False
         written = [path for path in (self.path / "snapshots").iterdir() if path.stat().st_size > 0]
         if not written:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -21,11 +21,12 @@ from .layout import (
     add_metric,
     grid_of,
     lay_out,
+    metrics_of,
     root_attributes,
     split_sizes,
 )
 from .location import BRANCH, Location, Lock
-from .order import Place, Tail, place
+from .order import Place, Tail, place_all
 from .packing import HeightType
 from .records import (
     read_change,
@@ -41,12 +42,13 @@ from .repository import check_whole, create_repository, newest_whole, open_repos
 from .rows import row, write_rows
 from .series import frame_of
 from .store import About, Stored
+from .wholeness import read_newest
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-__all__ = ["IcechunkStore"]
+__all__ = ["IcechunkStore", "reason"]
 
 
 class IcechunkStore:
@@ -109,7 +111,7 @@ class IcechunkStore:
             if lock is not None:
                 lock.release()
             if isinstance(error, (OSError, icechunk.IcechunkError)) and not isinstance(error, StoreError):
-                raise StoreError(f"{location}: cannot be made: {_reason(error)}") from error
+                raise StoreError(f"{location}: cannot be made: {reason(error)}") from error
             raise
 
     @staticmethod
@@ -137,23 +139,30 @@ class IcechunkStore:
         return store
 
     def append(self, tick: Tick) -> int | None:
-        """Commit one tick durably; see `Store.append`.
+        """Commit one tick durably; see `append_all`."""
+        return self.append_all([tick])[0]
+
+    def append_all(self, ticks: Sequence[Tick]) -> tuple[int | None, ...]:
+        """Commit ticks durably, as one transaction; see `Store.append_all`.
 
         Raises
         ------
         StoreError
-            If the store is open to read, the tick does not fit (see `order.place`), or the disk does not take it;
+            If the store is open to read, a tick does not fit (see `order.place`), or the disk does not take it;
             then the store is as it was.
         """
         self._writing()
-        where = place(self._tail, tick, self._about.grid or Grid(1, 1, 1.0), self._about.metrics)
-        message, metadata = f"tick {format_instant(tick.planned)}: no scan", {"planned": format_instant(tick.planned)}
-        if where.number is not None:
-            message = f"scan {where.number} of {format_instant(tick.planned)}"
-            metadata["scan"] = str(where.number)
-        self._commit(lambda root: self._write(root, tick, where), message, metadata)
-        self._tail = where.tail
-        return where.number
+        if not ticks:
+            return ()
+        places = place_all(self._tail, ticks, self._about.grid or Grid(1, 1, 1.0), self._about.metrics)
+
+        def write(root: Any) -> None:
+            for tick, where in zip(ticks, places, strict=True):
+                self._write(root, tick, where)
+
+        self._commit(write, *_described(ticks, places))
+        self._tail = places[-1].tail
+        return tuple(where.number for where in places)
 
     def __len__(self) -> int:
         return self._tail.count
@@ -169,7 +178,7 @@ class IcechunkStore:
             return self._read(number)
         # a damaged file shows as whatever the codec above it makes of the bytes
         except (icechunk.IcechunkError, OSError, ValueError, RuntimeError, TypeError) as error:
-            raise StoreError(f"{self._location}: scan {number} cannot be read: {_reason(error)}") from error
+            raise StoreError(f"{self._location}: scan {number} cannot be read: {reason(error)}") from error
 
     def window(self, first: Instant | None = None, last: Instant | None = None) -> xr.Dataset:
         """Give the scans between two instants, lazily; see `Store.window`."""
@@ -215,6 +224,21 @@ class IcechunkStore:
         """The Zarr group of coarse histories; `cell_history` and `line_history` read it."""
         return self._root["binned"]
 
+    @property
+    def repository(self) -> Any:
+        """The Icechunk repository."""
+        return self._repository
+
+    @property
+    def location(self) -> Location:
+        """Where it is."""
+        return self._location
+
+    @property
+    def lost_now(self) -> tuple[Event, ...]:
+        """What a reader had to leave to find a whole snapshot; a writer has it among its events."""
+        return self._lost
+
     def close(self) -> None:
         """Let go of the writer's lock, if held."""
         if self._lock is not None:
@@ -253,7 +277,7 @@ class IcechunkStore:
         except (icechunk.IcechunkError, OSError) as error:
             if isinstance(error, StoreError):
                 raise
-            raise StoreError(f"{self._location}: {message} was not stored: {_reason(error)}") from error
+            raise StoreError(f"{self._location}: {message} was not stored: {reason(error)}") from error
         self._attach(snapshot)
 
     def _write(self, root: Any, tick: Tick, where: Place) -> None:
@@ -299,7 +323,7 @@ class IcechunkStore:
         self._commit(lambda root: self._write(root, note, Place(self._tail, None, (event,))), "taken over", {})
 
     def _probe(self, session: Any) -> None:
-        """Read what a whole snapshot must hold: all groups, every table and the newest scan."""
+        """Read what a whole snapshot must hold: all groups, and the newest row of every array."""
         root = root_of(session)
         schema = root.attrs.get("microrelief_schema")
         if not isinstance(schema, int):
@@ -309,15 +333,7 @@ class IcechunkStore:
                 f"{self._location}: schema {schema} was made by a newer microrelief (this one reads {SCHEMA}): "
                 "update it"
             )
-        count = root["scans/time"].shape[0]
-        if count and self._location.writes_whole:  # then a look into each array does: its manifest and a chunk
-            for group in ("scans", "change"):
-                for _, array in root[group].arrays():
-                    if array.metadata.dimension_names[0] == "time":
-                        array[(count - 1, *(0,) * (array.ndim - 1))]
-        elif count:
-            read_scan(root["scans"], count - 1, grid_of(root.attrs))
-            read_change(root["change"], count - 1, grid_of(root.attrs))
+        read_newest(session.store, whole=not self._location.writes_whole)
 
     def _attach(self, snapshot: str) -> None:
         """Read from another snapshot from now on; its groups are opened when they are asked for."""
@@ -343,7 +359,7 @@ class IcechunkStore:
             software=attributes["software"],
             schema=attributes["microrelief_schema"],
             snapshot="",
-            metrics=dict(self._root["metrics"].attrs["metrics"]),
+            metrics=metrics_of(self._root["metrics"]),
         )
         scans = self._root["scans"]
         height_type = str(scans["height"].dtype)
@@ -362,7 +378,18 @@ class IcechunkStore:
         return about, height_type, tail
 
 
-def _reason(error: BaseException) -> str:
+def _described(ticks: Sequence[Tick], places: Sequence[Place]) -> tuple[str, dict[str, Any]]:
+    """Give a commit's message and metadata: its newest slot, and its newest scan."""
+    planned = format_instant(ticks[-1].planned)
+    numbers = [where.number for where in places if where.number is not None]
+    if not numbers:
+        return f"tick {planned}: no scan", {"planned": planned}
+    scans = f"scan {numbers[0]}" if len(numbers) == 1 else f"scans {numbers[0]} to {numbers[-1]}"
+    told = f"{scans} of {planned}" if len(numbers) == 1 else f"{scans}, until {planned}"
+    return told, {"planned": planned, "scan": str(numbers[-1])}
+
+
+def reason(error: BaseException) -> str:
     """Say in a line why the disk did not take or give something."""
     if f"os error {errno.ENOSPC}" in str(error) or getattr(error, "errno", None) == errno.ENOSPC:
         return "the disk is full: free some space"

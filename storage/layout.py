@@ -1,20 +1,24 @@
-"""What is in a store: its groups and arrays, their chunks, units and attributes. Schema 1.
+"""What is in a store: its groups and arrays, their chunks, units and attributes. Schema 2.
 
     /             attrs: microrelief_schema, site, campaign, campaign_hash, software, created, grid
     /scans        height sigma texture level (time, y, x); scan epoch baseline planned calibration alarms (time)
     /change       dz lod (time, y, x); baseline_time motion verdict reason (time)
-    /binned       height dz: means of 8x8 cells; see `Binned` in icechunk_store
+    /binned       height dz: means of 8x8 cells; see `binned.rows_of_bins`
     /metrics      NAME and NAME_sigma (time)
     /events       time kind text (event)
     /calibrations id json (calibration)
     /raw          one group per kind of capture, only where frames are kept
 
 Cells lie in chunks of one scan; what is one number per scan lies in chunks of `TABLE_CHUNK` scans: a chunk per scan
-would make a thousand reads of a series.
+would make a thousand reads of a series. Every chunk ends in a CRC-32C of its bytes, which whoever reads it checks.
+
+Schema 1 had no checksums and fewer attributes. Its stores are read and continued as they are; a copy of one
+(`storage.copying`) has the present schema.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
@@ -37,11 +41,12 @@ __all__ = [
     "grid_of",
     "lay_out",
     "lay_out_raw",
+    "metrics_of",
     "root_attributes",
     "split_sizes",
 ]
 
-SCHEMA = 1
+SCHEMA = 2
 TABLE_CHUNK = 128
 CELL_CHUNK = 512
 FOLD = 64
@@ -61,7 +66,11 @@ MOTION_TERMS = (
     "sigma_xy_mm",
 )
 
-_TIME = {"units": "nanoseconds since 1970-01-01", "calendar": "proleptic_gregorian"}
+_TIME = {
+    "units": "nanoseconds since 1970-01-01",
+    "calendar": "proleptic_gregorian",
+    "units_metadata": "leap_seconds: none",  # as POSIX and numpy count
+}
 
 
 def root_attributes(site: str, grid: Grid, campaign: str, campaign_hash: str, software: str, created: str) -> Any:
@@ -98,7 +107,9 @@ def split_sizes(grid: Grid) -> tuple[int, int]:
 
 def lay_out(root: Any, grid: Grid, height_type: str, metrics: Mapping[str, str]) -> None:
     """Make all groups and arrays, empty."""
-    scans = root.create_group("scans", attributes={"Conventions": "CF-1.11", "title": "height maps"})
+    history = f"{root.attrs['created']}: made by {root.attrs['software'] or 'microrelief'}"
+    about = {"Conventions": "CF-1.11", "history": history}
+    scans = root.create_group("scans", attributes={**about, "title": "height maps"})
     _coordinates(scans, grid)
     height = {"units": "mm", "long_name": "height above the reference plane", "ancillary_variables": "sigma"}
     _cells(scans, "height", grid, height_type, height)
@@ -112,7 +123,7 @@ def lay_out(root: Any, grid: Grid, height_type: str, metrics: Mapping[str, str])
     _table(scans, "calibration", "str", "", {"long_name": "id of the calibration"})
     _table(scans, "alarms", "str", "{}", {"long_name": "state of each alarm after the scan, JSON"})
 
-    change = root.create_group("change", attributes={"Conventions": "CF-1.11", "title": "change since the baseline"})
+    change = root.create_group("change", attributes={**about, "title": "change since the baseline"})
     _coordinates(change, grid)
     _cells(change, "dz", grid, height_type, {"units": "mm", "long_name": "height now minus height then"})
     _cells(change, "lod", grid, "float32", {"units": "mm", "long_name": "level of detection at 95 %"})
@@ -126,31 +137,47 @@ def lay_out(root: Any, grid: Grid, height_type: str, metrics: Mapping[str, str])
         chunks=(TABLE_CHUNK, len(MOTION_TERMS)),
         dtype="float64",
         fill_value=np.nan,
-        compressors=_compressor(),
+        compressors=_codecs(),
         dimension_names=("time", "motion_term"),
         attributes={"long_name": "rigid motion, scan to baseline, row by row; then its quality", "terms": MOTION_TERMS},
     )
 
-    _lay_out_binned(root, grid, height_type)
-    table = root.create_group("metrics", attributes={"Conventions": "CF-1.11", "metrics": {}})
-    _table(table, "time", "int64", NO_TIME, {**_TIME, "standard_name": "time"})
+    _lay_out_binned(root, grid, height_type, about)
+    table = root.create_group("metrics", attributes={**about, "title": "metrics", "metrics": "{}"})
+    _table(table, "time", "int64", NO_TIME, {**_TIME, "standard_name": "time", "axis": "T"})
     for name, unit in metrics.items():
         add_metric(table, name, unit)
-    events = root.create_group("events", attributes={"title": "failures, missed runs, alarms, epochs, remarks"})
-    _table(events, "time", "int64", NO_TIME, dict(_TIME), along="event")
-    _table(events, "kind", "str", "", {}, along="event")
-    _table(events, "text", "str", "", {}, along="event")
-    calibrations = root.create_group("calibrations", attributes={"title": "calibrations by id, as calibration.json"})
+    title = "failures, missed runs, alarms, epochs, remarks"
+    events = root.create_group("events", attributes={**about, "title": title})
+    _table(events, "time", "int64", NO_TIME, {**_TIME, "long_name": "when it happened"}, along="event")
+    _table(events, "kind", "str", "", {"long_name": "what kind of event"}, along="event")
+    _table(events, "text", "str", "", {"long_name": "what happened, in words"}, along="event")
+    title = "calibrations by id, as calibration.json"
+    calibrations = root.create_group("calibrations", attributes={**about, "title": title})
     for name in ("id", "json"):
-        calibrations.create_array(name, shape=(0,), chunks=(1,), dtype="str", dimension_names=("calibration",))
+        calibrations.create_array(
+            name,
+            shape=(0,),
+            chunks=(1,),
+            dtype="str",
+            compressors=_codecs("str"),
+            dimension_names=("calibration",),
+            attributes={"long_name": {"id": "id of a calibration", "json": "calibration.json"}[name]},
+        )
 
 
 def add_metric(table: Any, name: str, unit: str) -> None:
     """Make a metric's two arrays, NaN for the scans that are already there."""
     count = int(table["time"].shape[0])
-    table.attrs["metrics"] = {**table.attrs.get("metrics", {}), name: unit}
+    table.attrs["metrics"] = json.dumps({**metrics_of(table), name: unit})  # text: NetCDF attributes hold no mapping
     for array, what in ((name, "value"), (f"{name}_sigma", "standard uncertainty")):
         _table(table, array, "float64", np.nan, {"units": unit, "long_name": f"{name}: {what}"}, count=count)
+
+
+def metrics_of(table: Any) -> dict[str, str]:
+    """Give the unit of each metric of a ``/metrics`` group; schema 1 kept a mapping, not its JSON."""
+    kept = table.attrs["metrics"]
+    return dict(json.loads(kept) if isinstance(kept, str) else kept)
 
 
 def lay_out_raw(raw: Any, kind: str, shape: tuple[int, ...], dtype: Any, patterns: dict[str, Any]) -> None:
@@ -161,18 +188,18 @@ def lay_out_raw(raw: Any, kind: str, shape: tuple[int, ...], dtype: Any, pattern
         shape=(0, *shape),
         chunks=(1, 1, *shape[1:]),
         dtype=dtype,
-        compressors=_compressor(),
+        compressors=_codecs(),
         dimension_names=("time", "frame", "row", "column"),
     )
-    _table(group, "time", "int64", NO_TIME, dict(_TIME))
+    _table(group, "time", "int64", NO_TIME, {**_TIME, "long_name": "time of the capture"})
     _table(group, "scan", "int64", -1, {"units": "1", "long_name": "scan that came of it; -1 where none did"})
-    _table(group, "exposure_ms", "float64", np.nan, {"units": "ms"})
+    _table(group, "exposure_ms", "float64", np.nan, {"units": "ms", "long_name": "exposure of a frame"})
 
 
-def _lay_out_binned(root: Any, grid: Grid, height_type: str) -> None:
+def _lay_out_binned(root: Any, grid: Grid, height_type: str, about: Mapping[str, str]) -> None:
     rows, columns = -(-grid.rows // BIN), -(-grid.columns // BIN)
-    about = f"height and dz as means of {BIN}x{BIN} cells, folded every {FOLD} scans"
-    binned = root.create_group("binned", attributes={"Conventions": "CF-1.11", "title": about})
+    title = f"height and dz as means of {BIN}x{BIN} cells, folded every {FOLD} scans"
+    binned = root.create_group("binned", attributes={**about, "title": title})
     coarse = Grid(
         rows,
         columns,
@@ -189,9 +216,9 @@ def _lay_out_binned(root: Any, grid: Grid, height_type: str) -> None:
             chunks=(FOLD, min(64, rows), min(64, columns)),
             dtype=height_type,
             fill_value=fill_of(height_type),
-            compressors=_compressor(),
-            dimension_names=("time", "y", "x"),
-            attributes={"long_name": f"mean {name}", **attributes},
+            compressors=_codecs(),
+            dimension_names=("folded", "y", "x"),
+            attributes={"long_name": f"mean {name} of the first scans, as many as were folded", **attributes},
         )
         binned.create_array(
             f"{name}_tail",
@@ -199,7 +226,7 @@ def _lay_out_binned(root: Any, grid: Grid, height_type: str) -> None:
             chunks=(1, min(CELL_CHUNK, rows), min(CELL_CHUNK, columns)),
             dtype=height_type,
             fill_value=fill_of(height_type),
-            compressors=_compressor(),
+            compressors=_codecs(),
             dimension_names=("tail", "y", "x"),
             attributes={
                 "long_name": f"mean {name} of the scans after those of {name}; scan n in n % {FOLD}",
@@ -210,14 +237,19 @@ def _lay_out_binned(root: Any, grid: Grid, height_type: str) -> None:
 
 def _coordinates(group: Any, grid: Grid) -> None:
     _table(group, "time", "int64", NO_TIME, {**_TIME, "standard_name": "time", "axis": "T"})
-    for name, values, axis in (("y", grid.y_mm, "Y"), ("x", grid.x_mm, "X")):
+    for name, values in (("y", grid.y_mm), ("x", grid.x_mm)):
         group.create_array(
             name,
             data=values,
             chunks=values.shape,
-            compressors=_compressor(),
+            compressors=_codecs(),
             dimension_names=(name,),
-            attributes={"units": "mm", "axis": axis, "long_name": f"cell centre along {name}, site frame"},
+            attributes={
+                "units": "mm",
+                "axis": name.upper(),
+                "standard_name": f"projection_{name}_coordinate",  # CF's name of a place on a plane that is no map
+                "long_name": f"cell centre along {name}, site frame",
+            },
         )
 
 
@@ -236,7 +268,7 @@ def _cells(group: Any, name: str, grid: Grid, kind: str, attributes: dict[str, A
         chunks=(1, min(CELL_CHUNK, grid.rows), min(CELL_CHUNK, grid.columns)),
         dtype=kind,
         fill_value=fill,
-        compressors=_compressor(),
+        compressors=_codecs(kind),
         dimension_names=("time", "y", "x"),
         attributes=attributes,
     )
@@ -258,13 +290,22 @@ def _table(
         chunks=(TABLE_CHUNK,),
         dtype=kind,
         fill_value=fill,
-        compressors=_compressor() if kind != "str" else "auto",
+        compressors=_codecs(kind),
         dimension_names=(along,),
         attributes=attributes,
     )
 
 
-def _compressor() -> Any:
-    from zarr.codecs import BloscCodec
+def _codecs(kind: str = "") -> list[Any]:
+    """Give what turns values into a chunk's bytes: compression, then a checksum of what is stored.
 
-    return BloscCodec(cname="zstd", clevel=1, shuffle="bitshuffle")
+    Measured on rough soil (`tests/benchmarks/bench_store_layout.py`): bits of steps of height are sorted best by their
+    place in the number, 9.1 bits a cell for 9.2; the rounded floats of sigma by byte, 7.4 for 8.1, for the rest of
+    their bytes is zero.
+    """
+    from zarr.codecs import BloscCodec, Crc32cCodec, ZstdCodec
+
+    if kind == "str":
+        return [ZstdCodec(level=0), Crc32cCodec()]
+    shuffle: Any = "shuffle" if kind == "float32" else "bitshuffle"
+    return [BloscCodec(cname="zstd", clevel=1, shuffle=shuffle), Crc32cCodec()]

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, get_args
+from urllib.parse import quote
 
 import numpy as np
 
@@ -19,10 +20,10 @@ from .folder import Folder
 from .location import location_of
 from .store import Store
 
-__all__ = ["INTERRUPTED", "Ledger", "LedgerAddress", "LedgerRow", "SlotState", "ledger_beside"]
+__all__ = ["INTERRUPTED", "Ledger", "LedgerAddress", "LedgerRow", "LedgerWriteError", "SlotState", "ledger_beside"]
 
 LEDGER = "ledger.sqlite"
-INTERRUPTED = "the process ended during this scan"
+INTERRUPTED = "the process ended before this scan was stored"
 
 SlotState = Literal["planned", "taken", "missed", "rejected", "failed"]
 FINAL = tuple(state for state in get_args(SlotState) if state != "planned")
@@ -43,6 +44,10 @@ INSERT INTO slots (campaign, planned, state, cause, scan) VALUES (?, ?, ?, ?, ?)
 ON CONFLICT (campaign, planned) DO UPDATE SET state = excluded.state, cause = excluded.cause, scan = excluded.scan
 WHERE state = 'planned'
 """
+
+
+class LedgerWriteError(StoreError):
+    """The disk did not take a row; a later try may succeed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +116,10 @@ class Ledger:
             raise StoreError(f"{self._file}: no such ledger: it is made by `microrelief run`")
         try:
             # the status page reads from another thread; sqlite3 serialises calls itself
-            self._data = sqlite3.connect(self._file, timeout=10.0, isolation_level=None, check_same_thread=False)
+            address = _address(self._file, write=write)
+            self._data = sqlite3.connect(
+                address, timeout=10.0, isolation_level=None, check_same_thread=False, uri=address.startswith("file:")
+            )
             if write:
                 self._data.execute("PRAGMA journal_mode = WAL")
                 self._data.execute("PRAGMA synchronous = FULL")
@@ -238,8 +246,8 @@ class Ledger:
                 self._data.execute("ROLLBACK")
             raise
 
-    def _unwritten(self, error: sqlite3.Error) -> StoreError:
-        return StoreError(f"{self._file}: the ledger was not written: {error}")
+    def _unwritten(self, error: sqlite3.Error) -> LedgerWriteError:
+        return LedgerWriteError(f"{self._file}: the ledger was not written: {error}")
 
     def _ended_so(self, planned: Instant, state: SlotState) -> None:
         """Refuse a second end that is another one."""
@@ -265,6 +273,13 @@ class Ledger:
         names = [name for (name,) in self._data.execute("SELECT name FROM sqlite_master WHERE type = 'table'")]
         if names and "slots" not in names:
             raise sqlite3.DatabaseError(f"it has a table {names[0]}, and no slots")
+
+
+def _address(file: Path, *, write: bool) -> str:
+    """Give what SQLite is to open. To read a ledger it makes two files beside it, unless told that nobody writes."""
+    if write or os.access(file.parent, os.W_OK, effective_ids=os.access in os.supports_effective_ids):
+        return str(file)
+    return f"file:{quote(str(file))}?immutable=1"
 
 
 def _as_stored(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -64,6 +64,18 @@ class Location(Protocol):
 
     def snapshots(self) -> list[str]:
         """Give the ids of all snapshots that are there and not empty."""
+        ...
+
+    def sizes(self) -> Iterator[tuple[str, int]]:
+        """Give the name below here and the bytes of every file or object."""
+        ...
+
+    def free(self) -> int | None:
+        """Give the bytes that are free here; None where nothing limits them."""
+        ...
+
+    def sync(self) -> None:
+        """Make durable what was written."""
         ...
 
     def mend(self) -> bool:

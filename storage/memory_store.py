@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,7 @@ from configs import StoreError
 from pipelines import Calibration, Event, Grid, Instant, Measurement, Tick, format_instant
 
 from .layout import SCHEMA
-from .order import Tail, place
+from .order import Place, Tail, place_all
 from .packing import HeightType, pack_heights
 from .series import frame_of
 from .store import About, Stored
@@ -55,13 +55,25 @@ class MemoryStore:
 
     def append(self, tick: Tick) -> int | None:
         """Keep one tick; see `Store.append`."""
+        return self.append_all([tick])[0]
+
+    def append_all(self, ticks: Sequence[Tick]) -> tuple[int | None, ...]:
+        """Keep several ticks, all or none; see `Store.append_all`."""
         if not self._open:
             raise StoreError(f"{self.about.location}: is closed to writing")
-        where = place(self._tail, tick, self._grid, self._metrics)
-        if where.number is not None and tick.scan is not None:
-            pack_heights(tick.scan.height, self._height_type, "height")
+        places = place_all(self._tail, ticks, self._grid, self._metrics)
+        for tick in ticks:
+            if tick.scan is not None:
+                pack_heights(tick.scan.height, self._height_type, "height")
             if tick.change is not None:
                 pack_heights(tick.change.dz, self._height_type, "change")
+        for tick, where in zip(ticks, places, strict=True):
+            self._keep(tick, where)
+        self._commits += bool(ticks)
+        return tuple(where.number for where in places)
+
+    def _keep(self, tick: Tick, where: Place) -> None:
+        if where.number is not None and tick.scan is not None:
             tail = where.tail
             self._scans.append(
                 Stored(where.number, tail.epoch, tail.baseline, tick.planned, tick.scan, tick.change, dict(tick.alarms))
@@ -71,8 +83,6 @@ class MemoryStore:
         self._events.extend(where.events)
         if tick.calibration is not None:
             self._calibrations.setdefault(tick.calibration.id, tick.calibration)
-        self._commits += 1
-        return where.number
 
     def __len__(self) -> int:
         return len(self._scans)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from configs import StoreError
 from pipelines import Event, Grid, Instant, Tick, format_instant
 
-__all__ = ["Place", "Tail", "place"]
+__all__ = ["Place", "Tail", "place", "place_all"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +87,15 @@ def place(tail: Tail, tick: Tick, grid: Grid, metrics: dict[str, str]) -> Place:
         calibration_id=scan.calibration_id,
     )
     return Place(after, number, events)
+
+
+def place_all(tail: Tail, ticks: Sequence[Tick], grid: Grid, metrics: dict[str, str]) -> tuple[Place, ...]:
+    """Place several ticks, each after the one before; raises as `place`."""
+    places = []
+    for tick in ticks:
+        places.append(place(tail, tick, grid, metrics))
+        tail = places[-1].tail
+    return tuple(places)
 
 
 def _reason(tail: Tail, number: int, calibration_id: str) -> str:

@@ -17,11 +17,14 @@ INLINE_BYTES = 1100
 
 
 def _quiet() -> None:
-    """Icechunk warns on stderr, at each opening, that local folders are unsafe for two writers: we hold a lock."""
+    """Icechunk warns on stderr, at each opening, that local folders are unsafe for two writers: we hold a lock.
+
+    And it logs a torn file before it raises, in twenty lines.
+    """
     import icechunk
 
     if "ICECHUNK_LOG" not in os.environ:
-        icechunk.set_logs_filter("error")
+        icechunk.set_logs_filter("off")
 
 
 def create_repository(location: Location, splits: tuple[int, int], cells: tuple[str, ...]) -> Any:
@@ -38,7 +41,9 @@ def create_repository(location: Location, splits: tuple[int, int], cells: tuple[
     sizes[condition.AnyArray()] = {along.Any(): of_tables}
     config = icechunk.RepositoryConfig.default()
     config.inline_chunk_threshold_bytes = INLINE_BYTES
-    config.manifest = icechunk.ManifestConfig(splitting=icechunk.ManifestSplittingConfig.from_dict(sizes))
+    config.manifest = icechunk.ManifestConfig(
+        preload=_no_preload(), splitting=icechunk.ManifestSplittingConfig.from_dict(sizes)
+    )
     storage = location.storage()
     if icechunk.Repository.exists(storage):
         repository = icechunk.Repository.open(storage, config=config)
@@ -61,13 +66,21 @@ def open_repository(location: Location) -> Any:
     import icechunk
 
     _quiet()
+    config = icechunk.RepositoryConfig(manifest=icechunk.ManifestConfig(preload=_no_preload()))
     storage = location.storage()
     try:
-        return icechunk.Repository.open(storage)
+        return icechunk.Repository.open(storage, config=config)
     except icechunk.IcechunkError as error:
         if location.mend():
-            return icechunk.Repository.open(storage)
+            return icechunk.Repository.open(storage, config=config)
         raise StoreError(f"{location}: cannot be opened: {short(error)}") from None
+
+
+def _no_preload() -> Any:
+    """Read manifests when they are asked for: Icechunk else reads all of arrays named time with every session."""
+    import icechunk
+
+    return icechunk.ManifestPreloadConfig(max_total_refs=0)
 
 
 def root_of(session: Any, mode: Literal["r", "r+"] = "r") -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Coroutine, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Rows", "row", "texts", "write_rows"]
+__all__ = ["Rows", "all_of", "row", "texts", "write_rows"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +54,14 @@ def write_rows(store: Any, rows: Sequence[Rows]) -> None:
 
 
 async def _write_all(store: Any, rows: Sequence[Rows]) -> None:
-    await asyncio.gather(*(_write(store, each) for each in rows))
+    await all_of(_write(store, each) for each in rows)
+
+
+async def all_of(tasks: Iterable[Coroutine[Any, Any, None]]) -> None:
+    """Do everything at once, and raise only when nothing goes on: Icechunk would answer to a loop that is closed."""
+    for result in await asyncio.gather(*tasks, return_exceptions=True):
+        if isinstance(result, BaseException):
+            raise result
 
 
 async def _write(store: Any, rows: Rows) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
@@ -56,8 +57,8 @@ class Stored:
 class Store(Protocol):
     """Keeps ticks in the order of their time. One writer, any number of readers.
 
-    Five verbs: ``append``, ``len``, ``[]``, ``window``, ``series``; and three nouns: ``about``, ``events``,
-    ``calibration(calibration_id)``.
+    Five verbs: ``append`` (one tick, or ``append_all`` of them), ``len``, ``[]``, ``window``, ``series``; and three
+    nouns: ``about``, ``events``, ``calibration(calibration_id)``.
     """
 
     def append(self, tick: Tick) -> int | None:
@@ -65,6 +66,10 @@ class Store(Protocol):
 
         Returns only when the tick is durable. A scan older than the newest is refused.
         """
+        ...
+
+    def append_all(self, ticks: Sequence[Tick]) -> tuple[int | None, ...]:
+        """Commit several ticks as one transaction, all or none; return their scans' numbers as `append` does."""
         ...
 
     def __len__(self) -> int:

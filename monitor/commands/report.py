@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
+from configs import StoreError
 from dashboards import gather, judge_findings, write_findings
 from pipelines import format_instant
-from storage import open_store
+from storage import cite, open_store
 
 from ..progress import progress
 
@@ -49,6 +51,7 @@ def report(
     finally:
         opened.close()
     page = write_findings(findings, out)
+    _keep(store, opened.about.snapshot)
     verdict = judge_findings(findings)
     if json_:
         print(
@@ -67,3 +70,11 @@ def report(
         print(f"{verdict.headline}: {' '.join(verdict.reasons)}")
         print(f"wrote {page}; open it in any browser")
     return _IN_ALARM if verdict.tone == "red" else 0
+
+
+def _keep(store: Path, snapshot: str) -> None:
+    """Tag the snapshot that the report names, so that `microrelief store expire` leaves it."""
+    try:
+        cite(store, snapshot)
+    except StoreError as error:  # a store that may only be read is reported on all the same
+        print(f"microrelief: {error}; `microrelief store expire` may drop it", file=sys.stderr)

@@ -47,6 +47,9 @@ class DryingStore:
     def append(self, tick: Tick) -> int | None:
         raise NotImplementedError("this store is only read")
 
+    def append_all(self, ticks: Sequence[Tick]) -> tuple[int | None, ...]:
+        raise NotImplementedError("this store is only read")
+
     def __len__(self) -> int:
         return len(self.scans)
 

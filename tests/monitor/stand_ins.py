@@ -61,6 +61,7 @@ class FakeStore:
     script: Callable[[int], None] = lambda number: None
     ticks: list[Tick] = field(default_factory=list)
     appends: int = 0
+    groups: list[int] = field(default_factory=list)
 
     @property
     def scans(self) -> list[_Kept]:
@@ -73,6 +74,15 @@ class FakeStore:
             self.script(number)
         self.ticks.append(tick)
         return len(self.scans) - 1 if tick.scan is not None else None
+
+    def append_all(self, ticks: Sequence[Tick]) -> tuple[int | None, ...]:
+        self.groups.append(len(ticks))
+        before = list(self.ticks)
+        try:
+            return tuple(self.append(tick) for tick in ticks)
+        except Exception:
+            self.ticks = before
+            raise
 
     def __len__(self) -> int:
         return len(self.scans)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from statistics import median
 from time import process_time
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 from pipelines import Grid
-from storage import create_store
+from storage import create_store, open_store
 
 from ..benchmarks.bench_store import LATE, METRICS, SPAN, WARM, around, commit_costs, growth, make_tick, relief
 
@@ -31,6 +32,65 @@ def test_ten_thousand_scans_cost_like_ten() -> None:
     for what, (few, many) in growth(10, 10_000).items():
         print(f"\n{what}: {few * 1e3:.1f} ms of processor with 10 scans, {many * 1e3:.1f} ms with 10,000", end="")
         assert many < 2 * few
+
+
+def _growth(folder: Path, scans: int, around_each: int) -> list[tuple[int, float, float, float, float]]:
+    """Append small scans; about the tenth, a middle one and the last: CPU of a commit, its bytes, CPU to open and read.
+
+    Medians of `around_each` commits; processor time, which other programs on the machine do not change.
+    """
+    grid = Grid(24, 24, 0.02)
+    rng, base = np.random.default_rng(1), relief(grid)
+    store = create_store(folder, site="bench", grid=grid, metrics=METRICS)
+    looked = sorted({around_each + 10, scans // 2, scans})
+    rows, costs, sizes = [], [], []
+    seen = {path.path for path in os.scandir(folder / "manifests")}
+    for number in range(scans):
+        tick = make_tick(grid, number, rng, base)
+        began = process_time()
+        store.append(tick)
+        near = any(at - around_each <= number < at for at in looked)
+        if near:
+            costs.append(process_time() - began)
+        if any(at - around_each - 1 <= number < at for at in looked):
+            now = {path.path: path.stat().st_size for path in os.scandir(folder / "manifests") if path.path not in seen}
+            seen |= set(now)
+            if near:
+                sizes.append(sum(now.values()) + (folder / "snapshots" / store.about.snapshot).stat().st_size)
+        if number + 1 in looked:
+            began = process_time()
+            reader = open_store(folder)
+            opened = process_time() - began
+            reader[-1]
+            rows.append((number + 1, median(costs), median(sizes), opened, process_time() - began - opened))
+            costs, sizes = [], []
+    store.close()
+    return rows
+
+
+def _tell(rows: list[tuple[int, float, float, float, float]]) -> None:
+    print()
+    for number, cost, size, opened, read in rows:
+        print(
+            f"scan {number:>6}: commit {cost * 1e3:5.1f} ms CPU, {size / 1e3:5.1f} kB; "
+            f"open {opened * 1e3:5.1f} ms, read the last {read * 1e3:5.1f} ms"
+        )
+
+
+def test_a_commit_stays_small(tmp_path: Path) -> None:
+    rows = _growth(tmp_path / "s", 150, 20)
+    _tell(rows)
+    assert rows[-1][2] < 1.5 * rows[0][2], "bytes of a commit, beside chunks of their own"
+
+
+@pytest.mark.soak
+def test_ten_thousand_scans_cost_the_same_each(tmp_path: Path) -> None:
+    rows = _growth(tmp_path / "s", int(os.environ.get("MICRORELIEF_SOAK_SCANS", "10000")), 65)
+    _tell(rows)
+    first, last = rows[0], rows[-1]
+    assert last[1] < 2 * first[1], "a commit's processor time"
+    assert last[2] < 2 * first[2], "a commit's bytes"
+    assert last[3] + last[4] < 2 * (first[3] + first[4]), "to open and read the last scan"
 
 
 def test_a_commit_leaves_a_1_hz_video_its_time(tmp_path: Path) -> None:

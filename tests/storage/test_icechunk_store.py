@@ -17,6 +17,7 @@ import zarr
 from configs import StoreError
 from pipelines import Event, Frames, Grid, PatternSet
 from storage import Store, create_store, open_store
+from storage.layout import SCHEMA
 from storage.repository import root_of
 
 from .ticks import GRID, METRICS, START, at, failure, surface, tick
@@ -189,7 +190,7 @@ def test_a_path_that_is_no_store(tmp_path: Path, make: object, message: str, wri
 def test_a_repository_of_another_program_and_a_newer_schema_are_named(tmp_path: Path) -> None:
     _made(tmp_path / "s", 1).close()
     repository = icechunk.Repository.open(icechunk.local_filesystem_storage(str(tmp_path / "s")))
-    for value, message in ((2, "newer microrelief"), ("x", "not a microrelief store")):
+    for value, message in ((SCHEMA + 1, "newer microrelief"), ("x", "not a microrelief store")):
         session = repository.writable_session("main")
         zarr.open_group(session.store).attrs["microrelief_schema"] = value
         session.commit("changed")

@@ -32,13 +32,16 @@ from .ticks import GRID, METRICS, at, change_of, failure, surface, tick
 ROOT = Path(__file__).resolve().parents[2]
 
 
-@pytest.fixture(params=[*STORES, "icechunk on S3"])
-def store(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Store]:
-    kind, _, on_s3 = request.param.partition(" on ")
-    place = f"{request.getfixturevalue('s3_prefix')}/s" if on_s3 else tmp_path / "s"
+def _filled(place: Path | str, kind: str = "icechunk") -> Store:
     made = create_store(place, site="x", grid=GRID, metrics=METRICS, kind=kind)
     for number in range(3):
         made.append(tick(number))
+    return made
+
+
+@pytest.fixture(scope="module", params=list(STORES))
+def store(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
+    made = _filled(tmp_path_factory.mktemp("reading") / "s", request.param)
     yield made
     made.close()
 
@@ -97,6 +100,17 @@ def test_a_line_through_time(store: Store) -> None:
         ) + np.array(start)
         np.testing.assert_array_equal(line[:, point].values, cell_history(store, float(x), float(y)).values)
     assert line_history(store, start, start).sizes["distance"] == 1
+
+
+def test_the_same_from_a_bucket(s3_prefix: str) -> None:
+    _filled(s3_prefix).close()
+    store = open_store(s3_prefix)
+    assert find_scan(store, surface(1).time) == 1
+    history = cell_history(store, GRID.x_mm[17], GRID.y_mm[9])
+    truth = [np.nanmean(surface(n).height[8:16, 16:24]) for n in range(3)]
+    np.testing.assert_allclose(history.values, truth, rtol=0, atol=0.000251)
+    newest, *_, oldest = snapshots(s3_prefix)
+    assert (len(open_store(s3_prefix, snapshot=newest.id)), len(open_store(s3_prefix, as_of=oldest.written))) == (3, 0)
 
 
 @pytest.mark.parametrize(("x", "y", "axis"), [(-0.74, -0.4, "x"), (0.0, 0.58, "y")])

@@ -12,6 +12,7 @@ import pytest
 from configs import InputError, MicroreliefError, StoreError
 from pipelines import Event, Grid, Instant, Measurement, Tick
 from storage import STORES, Store, create_store
+from storage.layout import SCHEMA
 
 from .ticks import GRID, METRICS, at, calibration, change_of, failure, surface, tick
 
@@ -53,7 +54,7 @@ def test_an_empty_store_can_be_read(store: Store) -> None:
 def test_says_what_it_is(store: Store) -> None:
     about = store.about
     assert (about.site, about.grid, about.campaign) == ("plot 7", GRID, "site: plot 7\n")
-    assert (about.campaign_hash, about.software, about.schema) == ("abc123", "microrelief 0.0", 1)
+    assert (about.campaign_hash, about.software, about.schema) == ("abc123", "microrelief 0.0", SCHEMA)
     assert about.metrics == METRICS
     store.append(tick(0))
     assert store.about.snapshot != about.snapshot

@@ -17,10 +17,10 @@ def at(number: int) -> Instant:
 
 
 def surface(number: int, grid: Grid = GRID, calibration_id: str = "first") -> Scan:
-    """A tilted surface that sinks by 10 um a scan, with a hole in one corner."""
+    """A tilted surface that sinks by 10 um a scan (and is back after 1,000), with a hole in one corner."""
     rng = np.random.default_rng(number)
     y, x = np.meshgrid(grid.y_mm, grid.x_mm, indexing="ij")
-    height = (0.3 * x - 0.1 * y - 0.01 * number + rng.normal(0, 0.003, grid.shape)).astype(np.float32)
+    height = (0.3 * x - 0.1 * y - 0.01 * (number % 1000) + rng.normal(0, 0.003, grid.shape)).astype(np.float32)
     height[:3, :4] = np.nan
     sigma = np.where(np.isnan(height), np.nan, rng.uniform(0.002, 0.006, grid.shape)).astype(np.float32)
     level = np.where(np.isnan(height), 255, 1).astype(np.uint8)

@@ -1,0 +1,187 @@
+"""Copies a store: its newest snapshot laid out anew in the present schema, or all of it with its history."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from configs import StoreError
+
+from .durable import sync_file_system
+from .folder import Folder
+from .icechunk_store import IcechunkStore, reason
+from .layout import (
+    CELLS_OF_CHANGE,
+    CELLS_OF_SCAN,
+    grid_of,
+    lay_out,
+    lay_out_raw,
+    metrics_of,
+    root_attributes,
+    split_sizes,
+)
+from .ledger import Ledger, ledger_beside
+from .location import BRANCH, location_of
+from .repository import create_repository, open_repository, root_of, short
+from .stores import open_store
+from .wholeness import faults
+
+__all__ = ["copy_store"]
+
+BLOCK_BYTES = 64e6
+Progress = Callable[[int, int], None]
+
+
+def copy_store(
+    source: str | Path, target: str | Path, *, history: bool = False, progress: Progress = lambda done, total: None
+) -> int:
+    """Copy a store to a new place, while a writer may go on with it; return how many scans the copy holds.
+
+    Without `history`: what the newest snapshot holds, read (checksums are checked) and written anew; this also brings
+    a store of an older schema to the present one. With it: every snapshot and tag, file by file, as they are. The
+    rows of the ledger go along. The copy appears whole, on the disk, or not at all.
+
+    Parameters
+    ----------
+    source, target : str or Path
+        `source` may be on S3 where its history is not asked for. `target` must not exist, or be an empty folder.
+    history : bool
+    progress : callable
+        Called with (arrays or files done, in all).
+
+    Raises
+    ------
+    StoreError
+        If there is no store, it is damaged, or `target` cannot be made or has not room for it.
+    """
+    target = _folder_of(target, "a copy goes to a folder: give one")
+    files = _folder_of(source, "its history cannot be copied: copy without it") if history else None
+    reader = open_store(source)
+    assert isinstance(reader, IcechunkStore)
+    with _made(target) as making:
+        if files is not None:
+            _copy_files(files, making, progress)
+        else:
+            _copy_newest(reader, making, progress)
+        sync_file_system(making)
+    copied = open_store(target)
+    if not history and len(copied) != len(reader):
+        raise StoreError(f"{target}: holds {len(copied)} scans of {len(reader)}: remove it and copy again")
+    _copy_ledger(source, target, len(copied))
+    return len(copied)
+
+
+def _folder_of(store: str | Path, refusal: str) -> Path:
+    location = location_of(store)
+    if not isinstance(location, Folder):
+        raise StoreError(f"{location}: {refusal}")
+    return location.path
+
+
+@contextmanager
+def _made(target: Path) -> Iterator[Path]:
+    """Give a folder beside `target` that takes its place at the end."""
+    if target.exists() and (not target.is_dir() or any(target.iterdir())):
+        raise StoreError(f"{target}: exists already: name another place for the copy")
+
+    making = target.with_name(f".{target.name}.copying-{os.getpid()}")
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        making.mkdir()
+    except OSError as error:
+        raise StoreError(f"{target}: cannot be made: {error.strerror}") from None
+    try:
+        yield making
+        making.rename(target)
+        sync_file_system(target.parent)
+    except StoreError:
+        raise
+    except faults() as error:
+        raise StoreError(f"{target}: not copied: {reason(error)}") from None
+    finally:
+        shutil.rmtree(making, ignore_errors=True)
+
+
+def _copy_files(source: Path, target: Path, progress: Progress) -> None:
+    """Copy objects, which never change, after the references, which do, were read: these then name what is there."""
+    references = {path.relative_to(source): path.read_bytes() for path in (source / "refs").rglob("*.json")}
+    kinds = ("chunks", "manifests", "snapshots", "transactions")
+    files = [path for kind in kinds for path in (source / kind).glob("*") if path.is_file()]
+    files += [path for path in (source / "config.yaml",) if path.exists()]
+    for done, path in enumerate(files):
+        copy = target / path.relative_to(source)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(path, copy)
+        progress(done + 1, len(files))
+    for name, content in references.items():
+        (target / name).parent.mkdir(parents=True, exist_ok=True)
+        (target / name).write_bytes(content)
+    open_repository(Folder(target)).lookup_branch(BRANCH)
+
+
+def _copy_newest(reader: IcechunkStore, target: Path, progress: Progress) -> None:
+    old, about = root_of(reader.session), reader.about
+    grid = grid_of(old.attrs)
+    repository = create_repository(Folder(target), split_sizes(grid), (*CELLS_OF_SCAN, *CELLS_OF_CHANGE))
+    session = repository.writable_session(BRANCH)
+    created = str(old.attrs["created"])
+    import zarr
+
+    attributes = root_attributes(about.site, grid, about.campaign, about.campaign_hash, about.software, created)
+    new = zarr.create_group(session.store, attributes=attributes)
+    lay_out(new, grid, str(old["scans/height"].dtype), metrics_of(old["metrics"]))
+    for kind, group in old["raw"].groups() if "raw" in old else ():
+        frames = group["frames"]
+        lay_out_raw(new.require_group("raw"), kind, frames.shape[1:], frames.dtype, dict(group.attrs["patterns"]))
+    session.commit(f"laid out as a copy of {about.location} at {about.snapshot}")
+    names = sorted(name for name, each in old.members(max_depth=None) if hasattr(each, "chunks"))
+    for done, name in enumerate(names):
+        if not name.endswith(("/x", "/y")):
+            _copy_rows(repository, old[name], name, about.location)
+        progress(done + 1, len(names))
+    tip = repository.lookup_snapshot(repository.lookup_branch(BRANCH)).written_at
+    repository.expire_snapshots(tip)  # the half-filled ones on the way are nobody's history
+    repository.garbage_collect(datetime.now(UTC))
+
+
+def _copy_rows(repository: Any, old: Any, name: str, about: str) -> None:
+    """Copy an array's rows as they are packed, a commit for so many as are held at once."""
+    row = max(int(np.prod(old.shape[1:])) * max(old.dtype.itemsize, 1), 1)
+    chunk = int(old.chunks[0])
+    step = max(int(BLOCK_BYTES // row) // chunk, 1) * chunk
+    for first in range(0, old.shape[0], step):
+        last = min(first + step, old.shape[0])
+        try:
+            values = old[first:last]
+        except faults() as error:
+            what = f"{name}, rows {first} to {last - 1}, cannot be read: {short(error)}"
+            raise StoreError(f"{about}: {what}; `microrelief verify` says more") from None
+        session = repository.writable_session(BRANCH)
+        new: Any = root_of(session, "r+")[name]
+        if new.shape[0] < last:
+            new.resize((last, *new.shape[1:]))
+        new[first:last] = values
+        if session.has_uncommitted_changes:
+            session.commit(f"{name}, rows {first} to {last - 1}")
+
+
+def _copy_ledger(source: str | Path, target: Path, scans: int) -> None:
+    """Copy how slots ended, up to the copy's newest scan."""
+    if not ledger_beside(source).exists():
+        return
+    rows = Ledger(ledger_beside(source), write=False)
+    copy = Ledger(ledger_beside(target))
+    try:
+        for row in rows.rows():
+            if row.state != "planned" and (row.scan is None or row.scan < scans):
+                copy.settle(row.planned, row.state, row.cause, row.scan)
+    finally:
+        rows.close()
+        copy.close()
