@@ -7,6 +7,7 @@ import json
 import os
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from datetime import timedelta
 from pathlib import Path
 from threading import Event as Flag
 
@@ -221,6 +222,7 @@ def make_recipe(campaign: Campaign, patterns: PatternSet, calibration: Calibrati
                 f"{key} holds no cell: the height map reaches from {x_low:.2f} to {x_high:.2f} mm in x and "
                 f"from {y_low:.2f} to {y_high:.2f} mm in y"
             )
+    kept = campaign.retain.raw_frames
     return Recipe(
         patterns,
         calibration,
@@ -230,7 +232,8 @@ def make_recipe(campaign: Campaign, patterns: PatternSet, calibration: Calibrati
         campaign.metrics,
         campaign.alarms,
         remove_background=campaign.reconstruct.remove_background,
-        keep_frames=campaign.retain.raw_frames == "all",
+        keep_frames=kept != "off",
+        frames_for=np.timedelta64(kept, "ns") if isinstance(kept, timedelta) else None,
     )
 
 

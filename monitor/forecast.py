@@ -60,8 +60,8 @@ def bytes_per_scan(campaign: Campaign, patterns: PatternSet) -> tuple[float, boo
     """Give what a scan takes on the disk, bytes, and whether that was measured on this campaign's store."""
     raw = 0.0
     columns, rows = camera_size(campaign)
-    if campaign.retain.raw_frames == "all":
-        raw = columns * rows * len(patterns.roles) * 0.9
+    if campaign.retain.raw_frames != "off":
+        raw = columns * rows * len(patterns.roles) * 0.6
     measured = stored_bytes(campaign.store.path)
     if measured is not None:
         return measured, True

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from configs import StoreError
-from pipelines import Calibration, Event, Grid, Instant, Tick, format_instant, parse_instant
+from pipelines import Calibration, Event, Frames, Grid, Instant, Tick, format_instant, parse_instant
 
 from .binned import rows_of_bins
 from .layout import (
@@ -30,13 +30,13 @@ from .layout import (
 from .lock import LOCK, WriterLock
 from .order import Place, Tail, place
 from .packing import HeightType
+from .raw_frames import FRAMES, let_go, read_frames, rows_of_frames
 from .records import (
     read_change,
     read_events,
     read_scan,
     rows_of_change,
     rows_of_events,
-    rows_of_frames,
     rows_of_metrics,
     rows_of_scan,
 )
@@ -103,7 +103,7 @@ class IcechunkStore:
             raise StoreError(f"{folder}: cannot be made: {error.strerror}") from None
         lock = None
         try:
-            repository = create_repository(making, split_sizes(grid), (*CELLS_OF_SCAN, *CELLS_OF_CHANGE))
+            repository = create_repository(making, split_sizes(grid), (*CELLS_OF_SCAN, *CELLS_OF_CHANGE, *FRAMES))
             session = repository.writable_session("main")
             attributes = root_attributes(site, grid, campaign, campaign_hash, software, format_instant(created))
             lay_out(zarr.create_group(session.store, attributes=attributes), grid, height_type, metrics)
@@ -158,12 +158,9 @@ class IcechunkStore:
         return self._tail.count
 
     def __getitem__(self, number: int) -> Stored:
-        count = len(self)
-        if not -count <= number < count:
-            raise IndexError(f"{self._folder}: there is no scan {number}: it holds {count}")
-        number %= count
         import icechunk
 
+        number = self._number(number)
         try:
             return self._read(number)
         # a damaged file shows as whatever the codec above it makes of the bytes
@@ -204,6 +201,10 @@ class IcechunkStore:
             raise KeyError(f"{self._folder}: no calibration {calibration_id!r}: it holds {', '.join(ids) or 'none'}")
         return Calibration.from_json(str(group["json"][ids.index(calibration_id)]))
 
+    def frames(self, number: int) -> Frames | None:
+        """Give the frames that a scan was made of; see `Store.frames`."""
+        return read_frames(self._root, self._number(number))
+
     @property
     def session(self) -> Any:
         """The Icechunk session at ``about.snapshot``: ``xarray.open_zarr(session.store, group="scans")`` reads it."""
@@ -217,6 +218,12 @@ class IcechunkStore:
 
     def __repr__(self) -> str:
         return f"IcechunkStore({str(self._folder)!r}, {len(self)} scans)"
+
+    def _number(self, number: int) -> int:
+        count = len(self)
+        if not -count <= number < count:
+            raise IndexError(f"{self._folder}: there is no scan {number}: it holds {count}")
+        return number % count
 
     def _read(self, number: int) -> Stored:
         scans, grid = self._root["scans"], grid_of(self._root.attrs)
@@ -261,6 +268,8 @@ class IcechunkStore:
                 rows.append(row("calibrations/json", len(ids), tick.calibration.to_json()))
         if tick.frames is not None:
             rows += rows_of_frames(root, where.number, tick.frames)
+        if tick.frames_since is not None:
+            let_go(root, tick.frames_since)
         write_rows(root.store, rows)
 
     def _add_metrics(self, new: dict[str, str]) -> None:

@@ -7,7 +7,7 @@
     /metrics      NAME and NAME_sigma (time)
     /events       time kind text (event)
     /calibrations id json (calibration)
-    /raw          one group per kind of capture, only where frames are kept
+    /raw          one group per kind of capture, only where frames are kept; see `raw_frames`
 
 Cells lie in chunks of one scan; what is one number per scan lies in chunks of `TABLE_CHUNK` scans: a chunk per scan
 would make a thousand reads of a series.
@@ -36,7 +36,6 @@ __all__ = [
     "add_metric",
     "grid_of",
     "lay_out",
-    "lay_out_raw",
     "root_attributes",
     "split_sizes",
 ]
@@ -151,22 +150,6 @@ def add_metric(table: Any, name: str, unit: str) -> None:
     table.attrs["metrics"] = {**table.attrs.get("metrics", {}), name: unit}
     for array, what in ((name, "value"), (f"{name}_sigma", "standard uncertainty")):
         _table(table, array, "float64", np.nan, {"units": unit, "long_name": f"{name}: {what}"}, count=count)
-
-
-def lay_out_raw(raw: Any, kind: str, shape: tuple[int, ...], dtype: Any, patterns: dict[str, Any]) -> None:
-    """Make the arrays of one kind of capture, empty."""
-    group = raw.create_group(kind, attributes={"patterns": patterns})
-    group.create_array(
-        "frames",
-        shape=(0, *shape),
-        chunks=(1, 1, *shape[1:]),
-        dtype=dtype,
-        compressors=_compressor(),
-        dimension_names=("time", "frame", "row", "column"),
-    )
-    _table(group, "time", "int64", NO_TIME, dict(_TIME))
-    _table(group, "scan", "int64", -1, {"units": "1", "long_name": "scan that came of it; -1 where none did"})
-    _table(group, "exposure_ms", "float64", np.nan, {"units": "ms"})
 
 
 def _lay_out_binned(root: Any, grid: Grid, height_type: str) -> None:

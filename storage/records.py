@@ -1,19 +1,17 @@
-"""One scan, change, event or capture, as arrays of a store and back."""
+"""One scan, change or event, as arrays of a store and back."""
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict
 from typing import Any, cast
 
 import numpy as np
 
-from pipelines import Change, Event, Frames, Grid, Measurement, Motion, Scan, Tick
+from pipelines import Change, Event, Grid, Measurement, Motion, Scan, Tick
 from pipelines.change import Verdict
 
-from .layout import NO_TIME, lay_out_raw
+from .layout import NO_TIME
 from .order import Place
 from .packing import STEP_MM, pack_heights, pack_sigmas, unpack_heights
 from .rows import Rows, row, texts
@@ -24,7 +22,6 @@ __all__ = [
     "read_scan",
     "rows_of_change",
     "rows_of_events",
-    "rows_of_frames",
     "rows_of_metrics",
     "rows_of_scan",
 ]
@@ -135,24 +132,3 @@ def read_events(group: Any) -> tuple[Event, ...]:
         for time, kind, text in zip(times, group["kind"][:], group["text"][:], strict=True)
     ]
     return tuple(sorted(events, key=lambda event: event.time))
-
-
-def rows_of_frames(root: Any, number: int | None, frames: Frames) -> list[Rows]:
-    """Give the rows of raw frames in ``/raw/KIND``: a group for each shape, depth and pattern set, made if new.
-
-    A group per capture would make every commit list them all. Scan -1 where no scan came of the frames.
-    """
-    patterns = json.dumps(asdict(frames.patterns), sort_keys=True)
-    shape, dtype = frames.stack.shape, frames.stack.dtype
-    kind = hashlib.sha256(f"{shape}{dtype}{patterns}".encode()).hexdigest()[:12]
-    raw = root.require_group("raw")
-    if kind not in raw:
-        lay_out_raw(raw, kind, shape, dtype, json.loads(patterns))
-    at = raw[kind]["time"].shape[0]
-    values = {
-        "frames": frames.stack,
-        "time": frames.time.astype(np.int64),
-        "scan": np.int64(-1 if number is None else number),
-        "exposure_ms": frames.exposure_ms,
-    }
-    return [row(f"raw/{kind}/{name}", at, value) for name, value in values.items()]

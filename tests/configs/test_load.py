@@ -155,7 +155,7 @@ MISTAKES = [
     (
         "region_mm:",
         "retain: {raw_frames: some}\nregion_mm:",
-        "site.yaml:14:22: retain.raw_frames: must be one of 'off', 'all', not 'some'",
+        "site.yaml:14:22: retain.raw_frames: must be off, all, or how long, such as 30 days, not 'some'",
     ),
     (
         "region_mm:",
