@@ -22,12 +22,13 @@ from .clock import Clock
 from .loop import Loop, Outcome, Settled
 from .rigs import BOARD, Rig, calibration_captures, make_rig, rig_options
 from .scheduler import OnceSlots, Slots, grace_of, make_slots
-from .visit import Epoch, Recipe, Yield, visit
+from .visit import Epoch, Mask, Recipe, Yield, visit
 from .warm_up import warm_up
 
 __all__ = [
     "campaign_hash",
     "make_recipe",
+    "masks_of",
     "read_calibration",
     "read_pattern_set",
     "resume_point",
@@ -211,17 +212,7 @@ def simulated_calibration_file(campaign: Campaign, patterns: PatternSet) -> Path
 
 def make_recipe(campaign: Campaign, patterns: PatternSet, calibration: Calibration, grid: Grid) -> Recipe:
     """Give what is done with every capture of a campaign."""
-    from pipelines.change import polygon_mask
-
-    stable = polygon_mask(campaign.register_.stable_mm, grid) if campaign.register_.stable_mm else None
-    region = polygon_mask((campaign.region_mm,), grid) if campaign.region_mm is not None else None
-    for mask, key in ((stable, "register.stable_mm"), (region, "region_mm")):
-        if mask is not None and not mask.any():
-            x_low, x_high, y_low, y_high = grid.extent_mm
-            raise InputError(
-                f"{key} holds no cell: the height map reaches from {x_low:.2f} to {x_high:.2f} mm in x and "
-                f"from {y_low:.2f} to {y_high:.2f} mm in y"
-            )
+    stable, region = masks_of(campaign, grid)
     kept = campaign.retain.raw_frames
     return Recipe(
         patterns,
@@ -235,6 +226,22 @@ def make_recipe(campaign: Campaign, patterns: PatternSet, calibration: Calibrati
         keep_frames=kept != "off",
         frames_for=np.timedelta64(kept, "ns") if isinstance(kept, timedelta) else None,
     )
+
+
+def masks_of(campaign: Campaign, grid: Grid) -> tuple[Mask, Mask]:
+    """Give the cells that hold still and those that count, each None where the campaign names none."""
+    from pipelines.change import polygon_mask
+
+    stable = polygon_mask(campaign.register_.stable_mm, grid) if campaign.register_.stable_mm else None
+    region = polygon_mask((campaign.region_mm,), grid) if campaign.region_mm is not None else None
+    for mask, key in ((stable, "register.stable_mm"), (region, "region_mm")):
+        if mask is not None and not mask.any():
+            x_low, x_high, y_low, y_high = grid.extent_mm
+            raise InputError(
+                f"{key} holds no cell: the height map reaches from {x_low:.2f} to {x_high:.2f} mm in x and "
+                f"from {y_low:.2f} to {y_high:.2f} mm in y"
+            )
+    return stable, region
 
 
 def campaign_hash(campaign: Campaign, patterns: PatternSet) -> str:

@@ -32,6 +32,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "scan": ("run:scan", "Take one scan now."),
     "video": ("video:video", "Record continuous 3D video."),
     "status": ("status:status", "Say how a campaign stands: last, next, missed, alarms."),
+    "process": ("process:process", "Work stored scans out again, from their frames where they are kept."),
     "review": ("review:review", "Look through a store on the Rerun timeline."),
     "report": ("report:report", "Write a trend report."),
     "resolution": ("resolution:resolution", "Measure contrast against line width, and depth of field, on a chart."),

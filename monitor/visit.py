@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Epoch",
     "Finding",
+    "Mask",
     "Recipe",
     "State",
     "Yield",
@@ -44,6 +45,9 @@ __all__ = [
     "remarks",
     "visit",
 ]
+
+Mask = npt.NDArray[np.bool_] | None
+"""Shape (rows, columns), or none."""
 
 State = Literal["taken", "missed", "rejected", "failed"]
 """How a planned slot ends."""
@@ -72,8 +76,8 @@ class Recipe:
     patterns: PatternSet
     calibration: Calibration
     grid: Grid
-    stable: npt.NDArray[np.bool_] | None = None
-    region: npt.NDArray[np.bool_] | None = None
+    stable: Mask = None
+    region: Mask = None
     metrics: tuple[str, ...] = ()
     alarms: tuple[Alarm, ...] = ()
     remove_background: bool = True
@@ -144,9 +148,9 @@ def visit(frames: Frames, recipe: Recipe, epoch: Epoch | None, planned: Instant)
     notes = remarks(frames)
     scan = make_scan(frames, recipe)
     baseline = epoch.baseline if epoch is not None else None
-    finding = compare_with(baseline, scan, recipe)
+    finding = compare_with(baseline, scan, recipe.stable, recipe.region, recipe.metrics)
     before = epoch.alarms if epoch is not None else {}
-    result = judged(finding, recipe, before, planned, notes)
+    result = judged(finding, recipe.alarms, before, planned, notes)
     kept = frames if recipe.keep_frames else None
     since = frames.time - recipe.frames_for if recipe.keep_frames and recipe.frames_for is not None else None
     return replace(result, tick=replace(result.tick, calibration=recipe.calibration, frames=kept, frames_since=since))
@@ -161,20 +165,20 @@ class Finding:
     metrics: Mapping[str, Measurement] = field(default_factory=dict)
 
 
-def compare_with(baseline: Scan | None, scan: Scan, recipe: Recipe) -> Finding:
+def compare_with(baseline: Scan | None, scan: Scan, stable: Mask, region: Mask, metrics: tuple[str, ...]) -> Finding:
     """Compare a scan with its epoch's baseline; one of another calibration, or without a baseline, starts an epoch."""
     if baseline is None or scan.calibration_id != baseline.calibration_id:
         return Finding(scan)
     from pipelines.change import compare, measure
 
-    comparison: Comparison = compare(scan, baseline, stable=recipe.stable, region=recipe.region)
+    comparison: Comparison = compare(scan, baseline, stable=stable, region=region)
     failed = comparison.change.motion.verdict == "failed"
-    return Finding(scan, comparison.change, {} if failed else measure(comparison, recipe.metrics))
+    return Finding(scan, comparison.change, {} if failed else measure(comparison, metrics))
 
 
 def judged(
     finding: Finding,
-    recipe: Recipe,
+    alarms: tuple[Alarm, ...],
     before: Mapping[str, AlarmState],
     planned: Instant,
     notes: tuple[Event, ...] = (),
@@ -182,12 +186,12 @@ def judged(
     """Judge the alarms of a scan and say what happened; `before` is where they stood."""
     scan, change, metrics = finding.scan, finding.change, finding.metrics
     if change is None:
-        alarms: dict[str, AlarmState] = {alarm.name: "ok" for alarm in recipe.alarms}
-        return Yield(Tick(planned, scan, alarms=alarms, events=notes), "taken")
+        fine: dict[str, AlarmState] = {alarm.name: "ok" for alarm in alarms}
+        return Yield(Tick(planned, scan, alarms=fine, events=notes), "taken")
     motion = change.motion
     cause = f"registration failed: {motion.reason}" if motion.verdict == "failed" else ""
-    states = {alarm.name: judge_alarm(alarm, metrics.get(alarm.metric)) for alarm in recipe.alarms}
-    events = alarm_events(recipe.alarms, states, before, metrics, scan.time)
+    states = {alarm.name: judge_alarm(alarm, metrics.get(alarm.metric)) for alarm in alarms}
+    events = alarm_events(alarms, states, before, metrics, scan.time)
     if cause:
         events = (Event(scan.time, "rejected", cause), *events)
     elif motion.verdict == "doubtful":

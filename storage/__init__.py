@@ -2,11 +2,13 @@
 
 from .capture_folder import read_capture, read_image, write_capture
 from .durable import whole_file
+from .engine import Spread, engine
 from .exporters import write_height_map, write_points, write_series
 from .importers import read_height_map
 from .ledger import Ledger, LedgerAddress, LedgerRow, SlotState, ledger_beside
 from .lock import writer_of
 from .pattern_file import read_patterns, write_patterns
+from .rework import Rework
 from .store import About, Store, Stored
 from .stores import STORES, create_store, open_store
 
@@ -16,10 +18,13 @@ __all__ = [
     "Ledger",
     "LedgerAddress",
     "LedgerRow",
+    "Rework",
     "SlotState",
+    "Spread",
     "Store",
     "Stored",
     "create_store",
+    "engine",
     "ledger_beside",
     "open_store",
     "read_capture",

@@ -30,7 +30,7 @@ from .layout import (
 from .lock import LOCK, WriterLock
 from .order import Place, Tail, place
 from .packing import HeightType
-from .raw_frames import FRAMES, let_go, read_frames, rows_of_frames
+from .raw_frames import FRAMES, framed_scans, let_go, read_frames, rows_of_frames
 from .records import (
     read_change,
     read_events,
@@ -39,6 +39,7 @@ from .records import (
     rows_of_events,
     rows_of_metrics,
     rows_of_scan,
+    tail_of,
 )
 from .repository import create_repository, newest_whole, open_repository, publish, root_of, short
 from .rows import row, write_rows
@@ -48,6 +49,8 @@ from .store import About, Stored
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
+
+    from .rework import Rework
 
 __all__ = ["IcechunkStore"]
 
@@ -205,6 +208,30 @@ class IcechunkStore:
         """Give the frames that a scan was made of; see `Store.frames`."""
         return read_frames(self._root, self._number(number))
 
+    def framed(self) -> tuple[int, ...]:
+        """Give the numbers of the scans whose frames are kept."""
+        return tuple(int(number) for number in framed_scans(self._root))
+
+    def rework(self, key: str, first: int, metrics: Mapping[str, str]) -> Rework | None:
+        """Begin, or take up again, to write all scans from `first` on anew; None where the store is that work's result.
+
+        Raises StoreError if the store is open to read.
+        """
+        from .rework import Rework
+
+        self._writing()
+        if Rework.done(self._repository, self._snapshot, key):
+            return None
+
+        def adopt(snapshot: str) -> None:
+            self._attach(snapshot)
+            self._about, self._height_type, self._tail = self._load()
+
+        units = {**self._about.metrics, **metrics}
+        grid = grid_of(self._root.attrs)
+        about = (self._repository, self._folder, self._snapshot, key, grid, self._height_type, units, first, adopt)
+        return Rework(*about)
+
     @property
     def session(self) -> Any:
         """The Icechunk session at ``about.snapshot``: ``xarray.open_zarr(session.store, group="scans")`` reads it."""
@@ -334,19 +361,7 @@ class IcechunkStore:
         )
         scans = self._root["scans"]
         height_type = str(scans["height"].dtype)
-        count = scans["time"].shape[0]
-        if not count:
-            return about, height_type, Tail()
-        baseline = int(scans["baseline"][count - 1])
-        tail = Tail(
-            count=count,
-            time=np.datetime64(int(scans["time"][count - 1]), "ns"),
-            epoch=int(scans["epoch"][count - 1]),
-            baseline=baseline,
-            baseline_time=np.datetime64(int(scans["time"][baseline]), "ns"),
-            calibration_id=str(scans["calibration"][count - 1]),
-        )
-        return about, height_type, tail
+        return about, height_type, tail_of(scans, scans["time"].shape[0])
 
 
 def _reason(error: BaseException) -> str:

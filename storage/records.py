@@ -12,7 +12,7 @@ from pipelines import Change, Event, Grid, Measurement, Motion, Scan, Tick
 from pipelines.change import Verdict
 
 from .layout import NO_TIME
-from .order import Place
+from .order import Place, Tail
 from .packing import STEP_MM, pack_heights, pack_sigmas, unpack_heights
 from .rows import Rows, row, texts
 
@@ -24,6 +24,7 @@ __all__ = [
     "rows_of_events",
     "rows_of_metrics",
     "rows_of_scan",
+    "tail_of",
 ]
 
 
@@ -58,6 +59,21 @@ def read_scan(group: Any, number: int, grid: Grid) -> Scan:
         texture=group["texture"][number],
         level=group["level"][number],
         calibration_id=str(group["calibration"][number]),
+    )
+
+
+def tail_of(scans: Any, count: int) -> Tail:
+    """Give the tail of the first `count` scans."""
+    if not count:
+        return Tail()
+    baseline = int(scans["baseline"][count - 1])
+    return Tail(
+        count=count,
+        time=np.datetime64(int(scans["time"][count - 1]), "ns"),
+        epoch=int(scans["epoch"][count - 1]),
+        baseline=baseline,
+        baseline_time=np.datetime64(int(scans["time"][baseline]), "ns"),
+        calibration_id=str(scans["calibration"][count - 1]),
     )
 
 

@@ -11,7 +11,7 @@ from configs import StoreError
 
 from .durable import sync_file, sync_file_system
 
-__all__ = ["create_repository", "newest_whole", "open_repository", "publish", "root_of", "short"]
+__all__ = ["advance", "create_repository", "newest_whole", "open_repository", "publish", "root_of", "short"]
 
 BRANCH = "main"
 INLINE_BYTES = 1100
@@ -119,6 +119,12 @@ def publish(repository: Any, folder: Path, session: Any, message: str, metadata:
     """
     before = session.snapshot_id
     snapshot: str = session.flush(message, metadata=metadata)
+    advance(repository, folder, before, snapshot)
+    return snapshot
+
+
+def advance(repository: Any, folder: Path, before: str, snapshot: str) -> None:
+    """Make a snapshot the newest one after `before`, durably: all of it first, then the reference."""
     sync_file_system(folder)
     repository.reset_branch(BRANCH, snapshot, from_snapshot_id=before)
     try:
@@ -126,7 +132,6 @@ def publish(repository: Any, folder: Path, session: Any, message: str, metadata:
     except OSError:
         repository.reset_branch(BRANCH, before)  # what is not acknowledged is not there
         raise
-    return snapshot
 
 
 def _fault(repository: Any, snapshot: str, probe: Callable[[Any], None]) -> str:
