@@ -33,6 +33,8 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "video": ("video:video", "Record continuous 3D video."),
     "status": ("status:status", "Say how a campaign stands: last, next, missed, alarms."),
     "process": ("process:process", "Work stored scans out again, from their frames where they are kept."),
+    "ingest": ("ingest:ingest", "Take height maps and clouds of other scanners into a store."),
+    "export": ("export:export", "Write a stored scan, its change or the series as a file for other programs."),
     "review": ("review:review", "Look through a store on the Rerun timeline."),
     "report": ("report:report", "Write a trend report."),
     "resolution": ("resolution:resolution", "Measure contrast against line width, and depth of field, on a chart."),

@@ -3,8 +3,8 @@
 from .capture_folder import read_capture, read_image, write_capture
 from .durable import whole_file
 from .engine import Spread, engine
-from .exporters import write_height_map, write_points, write_series
-from .importers import read_height_map
+from .exporters import write_change, write_height_map, write_points, write_series
+from .importers import read_height_map, read_raster, scan_of
 from .ledger import Ledger, LedgerAddress, LedgerRow, SlotState, ledger_beside
 from .lock import writer_of
 from .pattern_file import read_patterns, write_patterns
@@ -31,8 +31,11 @@ __all__ = [
     "read_height_map",
     "read_image",
     "read_patterns",
+    "read_raster",
+    "scan_of",
     "whole_file",
     "write_capture",
+    "write_change",
     "write_height_map",
     "write_patterns",
     "write_points",

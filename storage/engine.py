@@ -68,7 +68,11 @@ def engine(workers: int = 1, scheduler: str | None = None) -> Iterator[Spread]:
         if scheduler is None:
             cluster = stack.enter_context(
                 LocalCluster(
-                    n_workers=workers, threads_per_worker=1, host="127.0.0.1", dashboard_address=None, memory_limit=0
+                    n_workers=workers,
+                    threads_per_worker=1,
+                    host="127.0.0.1",
+                    dashboard_address="127.0.0.1:0",
+                    memory_limit=0,
                 )
             )
             client = stack.enter_context(Client(cluster))
