@@ -2,13 +2,13 @@
 
 from .capture_folder import read_capture, read_image, write_capture
 from .durable import whole_file
-from .engine import Spread, engine
 from .exporters import write_change, write_height_map, write_points, write_series
 from .importers import read_height_map, read_raster, scan_of
 from .ledger import Ledger, LedgerAddress, LedgerRow, SlotState, ledger_beside
 from .lock import writer_of
 from .pattern_file import read_patterns, write_patterns
 from .rework import Rework
+from .spread import Spread, engine
 from .store import About, Store, Stored
 from .stores import STORES, create_store, open_store
 

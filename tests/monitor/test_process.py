@@ -139,17 +139,23 @@ def test_the_same_recipe_gives_what_the_campaign_gave_to_the_bit(path: Path) -> 
     assert len(before["events"]) == len(after["events"])
 
 
-def test_any_number_of_workers_gives_the_same_to_the_bit(path: Path, tmp_path: Path) -> None:
-    alone, two, spread = path, tmp_path / "two", tmp_path / "spread"
-    shutil.copytree(path, two)
-    shutil.copytree(path, spread)
-    new = replace(RULES, metrics=(*UNITS, "lost_volume"), stable=None, settings="new")
-    run(alone, new)
-    run(two, new, workers=2)
+NEW = replace(RULES, metrics=(*UNITS, "lost_volume"), stable=None, settings="new")
+
+
+def test_two_workers_give_the_same_to_the_bit(path: Path, tmp_path: Path) -> None:
+    shutil.copytree(path, tmp_path / "two")
+    run(path, NEW, last=6)
+    run(tmp_path / "two", NEW, workers=2, last=6)
+    same(contents(path), contents(tmp_path / "two"))
+
+
+@pytest.mark.soak
+def test_a_cluster_from_the_command_line_gives_the_same_to_the_bit(path: Path, tmp_path: Path) -> None:
+    shutil.copytree(path, tmp_path / "spread")
+    run(path, NEW)
     with cluster() as address:
-        run(spread, new, scheduler=address)
-    same(contents(alone), contents(two))
-    same(contents(alone), contents(spread))
+        run(tmp_path / "spread", NEW, scheduler=address)
+    same(contents(path), contents(tmp_path / "spread"))
 
 
 def test_twice_is_as_once(path: Path) -> None:
@@ -297,22 +303,23 @@ def test_coarse_histories_follow_across_a_fold(tmp_path: Path) -> None:
     assert (found["binned/dz"][:62] == np.iinfo(found["binned/dz"].dtype).min).all()
 
 
-def test_kill_9_at_any_moment_and_the_next_run_ends_it(tmp_path: Path) -> None:
+def test_kill_9_and_the_next_run_goes_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = _many(tmp_path / "s", 36)
     old = contents(path)
     shutil.copytree(path, tmp_path / "through")
-    command = [sys.executable, "-m", "monitor.cli", "process", str(path)]
+    command = [sys.executable, "-m", "monitor.cli", "process", str(path), "--from", "28"]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     running = subprocess.Popen(command, cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True)
     assert running.stderr is not None
-    while "processing scans: 29 of 36" not in (line := running.stderr.readline()):
+    while "processing scans: 4 of 8" not in (line := running.stderr.readline()):
         assert line, "it ended"
     running.send_signal(signal.SIGKILL)
     running.wait()
     running.stderr.close()
     same(old, contents(path))
-    assert run_tokens(["process", str(path)]) == 0
-    assert run_tokens(["process", str(tmp_path / "through")]) == 0
+    assert run_tokens(["process", str(path), "--from", "28"]) == 0
+    assert "went on at scan 32" in capsys.readouterr().out
+    assert run_tokens(["process", str(tmp_path / "through"), "--from", "28"]) == 0
     same(contents(path), contents(tmp_path / "through"))
 
 
@@ -325,6 +332,7 @@ def test_the_command_says_what_it_did(path: Path, capsys: pytest.CaptureFixture[
     assert "scans 3 to 5: processed so already, nothing to do" in capsys.readouterr().out
 
 
-def test_no_scheduler_there(path: Path) -> None:
+def test_no_scheduler_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("storage.spread.CONNECT_S", 1)
     with pytest.raises(InputError, match="no scheduler answers there"), engine(scheduler="tcp://127.0.0.1:9"):
         pass
