@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 from zoneinfo import ZoneInfo
@@ -26,7 +26,7 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError
 
-from .units import Duration
+from .units import DURATION, Duration, format_duration, parse_duration
 
 __all__ = [
     "Alarm",
@@ -102,6 +102,16 @@ def _store_path(value: Any, info: ValidationInfo) -> Path | str:
 
 _BUCKET_URL = r"s3://[a-z0-9][a-z0-9.\-]{1,61}[a-z0-9](/[^/]+)+/?"
 
+
+def _kept(value: Any) -> Any:
+    if isinstance(value, timedelta) or (isinstance(value, str) and value in ("off", "all")):
+        return value
+    try:
+        return parse_duration(value)
+    except ValueError:
+        raise ValueError(f"must be off, all, or how long, such as 30 days, not {value!r}") from None
+
+
 FolderPath = Annotated[Path, AfterValidator(_from_folder)]
 StorePath = Annotated[
     Path | str,
@@ -117,6 +127,12 @@ Moment = Annotated[
     BeforeValidator(_moment),
     PlainSerializer(lambda moment: moment.isoformat(), return_type=str),
     WithJsonSchema({"type": "string", "examples": ["2026-11-22T21:00:00Z", "2026-11-22 22:00"]}),
+]
+Kept = Annotated[
+    Literal["off", "all"] | timedelta,
+    BeforeValidator(_kept),
+    PlainSerializer(lambda kept: kept if isinstance(kept, str) else format_duration(kept), return_type=str),
+    WithJsonSchema({"type": "string", "pattern": rf"^(off|all|{DURATION})$", "examples": ["off", "all", "30 days"]}),
 ]
 Point = tuple[Number, Number]
 Patterns = Annotated[Mapping[str, Any] | FolderPath, BeforeValidator(_mapping_or_file)]
@@ -296,8 +312,10 @@ class Alarm(_Settings):
 class Retain(_Settings):
     """What is kept beside the height maps."""
 
-    raw_frames: Literal["off", "all"] = Field(
-        default="off", description="Captured frames: off, or all of them (a capture of 42 frames is 42 images)."
+    raw_frames: Kept = Field(
+        default="off",
+        description="Captured frames, from which `microrelief process` makes every scan again: off, all, or those of "
+        "the last days, such as 30 days.",
     )
 
 

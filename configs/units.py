@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, PlainSerializer, WithJsonSchema
 
-__all__ = ["Duration", "format_duration", "parse_duration"]
+__all__ = ["DURATION", "Duration", "format_duration", "parse_duration"]
 
 _SECONDS = {"ms": 0.001, "s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0, "weeks": 604800.0}
 _NAMES = {
@@ -16,6 +16,8 @@ _NAMES = {
     "h": "h", "hour": "h", "hours": "h", "d": "d", "day": "d", "days": "d", "week": "weeks", "weeks": "weeks",
 }  # fmt: skip
 _PART = r"\d+(?:\.\d+)?\s*[a-z]+"
+DURATION = rf"{_PART}(\s+{_PART})*"
+"""What a length of time looks like, as a regular expression."""
 
 
 def parse_duration(text: Any) -> timedelta:
@@ -64,6 +66,6 @@ Duration = Annotated[
     timedelta,
     BeforeValidator(parse_duration),
     PlainSerializer(format_duration, return_type=str),
-    WithJsonSchema({"type": "string", "pattern": rf"^{_PART}(\s+{_PART})*$", "examples": ["6 h", "90 s", "30 days"]}),
+    WithJsonSchema({"type": "string", "pattern": f"^{DURATION}$", "examples": ["6 h", "90 s", "30 days"]}),
 ]
 """A positive length of time, written with its unit."""

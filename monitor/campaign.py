@@ -5,8 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
+from datetime import timedelta
 from pathlib import Path
 from threading import Event as Flag
 
@@ -16,7 +17,6 @@ from configs import Campaign, InputError
 from pipelines import Calibration, Frames, Grid, Instant, PatternSet, format_instant
 from storage import (
     Ledger,
-    LedgerRow,
     Store,
     create_store,
     ledger_beside,
@@ -29,26 +29,25 @@ from storage import (
 from . import __version__
 from .clock import Clock
 from .loop import Loop, Outcome, Settled
+from .resume import resume_slots
 from .rigs import BOARD, Rig, calibration_captures, make_rig, rig_options
-from .scheduler import OnceSlots, Slots, grace_of, make_slots
-from .visit import Epoch, Recipe, Yield, visit
+from .scheduler import grace_of
+from .visit import Epoch, Mask, Recipe, Yield, visit
 from .warm_up import warm_up
 
 __all__ = [
     "UNTRUSTED",
     "campaign_hash",
     "make_recipe",
+    "masks_of",
     "read_calibration",
     "read_pattern_set",
-    "resume_point",
-    "resume_slots",
     "rig_of",
     "run_campaign",
     "simulated_calibration_file",
 ]
 
 UNTRUSTED = "locks and syncs of a network folder cannot be trusted; keep the store on a local disk or on S3"
-NANOSECOND = np.timedelta64(1, "ns")
 
 UNHURRIED_S = 60.0
 """Visits this far apart have time to load and compile what they need; closer ones must find it ready."""
@@ -227,6 +226,24 @@ def simulated_calibration_file(campaign: Campaign, patterns: PatternSet) -> Path
 
 def make_recipe(campaign: Campaign, patterns: PatternSet, calibration: Calibration, grid: Grid) -> Recipe:
     """Give what is done with every capture of a campaign."""
+    stable, region = masks_of(campaign, grid)
+    kept = campaign.retain.raw_frames
+    return Recipe(
+        patterns,
+        calibration,
+        grid,
+        stable,
+        region,
+        campaign.metrics,
+        campaign.alarms,
+        remove_background=campaign.reconstruct.remove_background,
+        keep_frames=kept != "off",
+        frames_for=np.timedelta64(kept, "ns") if isinstance(kept, timedelta) else None,
+    )
+
+
+def masks_of(campaign: Campaign, grid: Grid) -> tuple[Mask, Mask]:
+    """Give the cells that hold still and those that count, each None where the campaign names none."""
     from pipelines.change import polygon_mask
 
     stable = polygon_mask(campaign.register_.stable_mm, grid) if campaign.register_.stable_mm else None
@@ -238,17 +255,7 @@ def make_recipe(campaign: Campaign, patterns: PatternSet, calibration: Calibrati
                 f"{key} holds no cell: the height map reaches from {x_low:.2f} to {x_high:.2f} mm in x and "
                 f"from {y_low:.2f} to {y_high:.2f} mm in y"
             )
-    return Recipe(
-        patterns,
-        calibration,
-        grid,
-        stable,
-        region,
-        campaign.metrics,
-        campaign.alarms,
-        remove_background=campaign.reconstruct.remove_background,
-        keep_frames=campaign.retain.raw_frames == "all",
-    )
+    return stable, region
 
 
 def campaign_hash(campaign: Campaign, patterns: PatternSet) -> str:
@@ -292,45 +299,10 @@ def _warm_up(
         tell(f"not warmed up, the first scans may be late: {type(error).__name__}: {error}")
 
 
-def resume_point(campaign: Campaign, now: Instant) -> tuple[Slots, Instant]:
-    """Give a campaign's slots, and the newest one that has been dealt with; changes nothing."""
-    beside = ledger_beside(campaign.store.path, campaign.store.beside)
-    if not beside.exists():
-        return resume_slots(campaign, (), now)
-    ledger = Ledger(beside, write=False)
-    try:
-        return resume_slots(campaign, ledger.rows(), now)
-    finally:
-        ledger.close()
-
-
-def resume_slots(
-    campaign: Campaign, known: Sequence[LedgerRow], now: Instant, once: bool = False
-) -> tuple[Slots, Instant]:
-    """Give the slots, and the newest one that has been dealt with, so that a restart stays on the same grid."""
-    if once:
-        return OnceSlots(now), now - NANOSECOND
-    if campaign.schedule.video is not None:
-        anchor = now.astype("datetime64[ms]").astype("datetime64[ns]")
-        return make_slots(campaign, anchor), anchor - NANOSECOND
-    rows = [row.planned for row in known]
-    anchor = min(rows, default=_whole_second(now))
-    slots = make_slots(campaign, anchor)
-    for planned in sorted(rows, reverse=True):  # a single `microrelief scan` between two slots is none of them
-        if slots.after(planned - NANOSECOND) == planned:
-            return slots, planned
-    return slots, min(anchor, now) - NANOSECOND
-
-
 def _provenance(campaign: Campaign, patterns: PatternSet, store: Store) -> str:
     """Say which settings the scans to come are made with, and whether they are those of the store's beginning."""
     settings, first = campaign_hash(campaign, patterns), store.about.campaign_hash
     return f"settings {settings}" + (f", changed since the store was made with {first}" if settings != first else "")
-
-
-def _whole_second(moment: Instant) -> Instant:
-    whole: Instant = moment.astype("datetime64[s]").astype("datetime64[ns]")
-    return whole
 
 
 def _units(campaign: Campaign) -> dict[str, str]:

@@ -14,7 +14,8 @@ from configs import Campaign, InputError, format_duration
 from pipelines import Instant, PatternSet, as_datetime, format_instant
 from storage import BYTES_PER_CELL, used_bytes
 
-from .campaign import read_pattern_set, resume_point, simulated_calibration_file
+from .campaign import read_pattern_set, simulated_calibration_file
+from .resume import resume_point
 from .scheduler import Slots, grace_of, slots_between
 
 __all__ = ["bytes_per_scan", "forecast_lines", "next_slots", "stored_bytes"]
@@ -58,8 +59,8 @@ def bytes_per_scan(campaign: Campaign, patterns: PatternSet) -> tuple[float, boo
     """Give what a scan takes on the disk, bytes, and whether that was measured on this campaign's store."""
     raw = 0.0
     columns, rows = camera_size(campaign)
-    if campaign.retain.raw_frames == "all":
-        raw = columns * rows * len(patterns.roles) * 0.9
+    if campaign.retain.raw_frames != "off":
+        raw = columns * rows * len(patterns.roles) * 0.6
     measured = stored_bytes(campaign.store.path)
     if measured is not None:
         return measured, True

@@ -26,9 +26,9 @@ from storage import (
     writer_of,
 )
 
-from .campaign import resume_slots
 from .clock import seconds_between
 from .loop import ENDED
+from .resume import resume_slots
 from .scheduler import Slots, grace_of, slots_between
 
 __all__ = ["Standing", "look"]

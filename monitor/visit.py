@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -13,6 +13,7 @@ from configs import Alarm, CaptureError
 from pipelines import (
     AlarmState,
     Calibration,
+    Change,
     Comparison,
     Event,
     Frames,
@@ -28,7 +29,25 @@ from pipelines import (
 if TYPE_CHECKING:
     from pipelines.trends import Limits
 
-__all__ = ["Epoch", "Recipe", "State", "Yield", "failed_tick", "limits_of", "make_scan", "visit"]
+__all__ = [
+    "Epoch",
+    "Finding",
+    "Mask",
+    "Recipe",
+    "State",
+    "Yield",
+    "alarm_events",
+    "compare_with",
+    "failed_tick",
+    "judged",
+    "limits_of",
+    "make_scan",
+    "remarks",
+    "visit",
+]
+
+Mask = npt.NDArray[np.bool_] | None
+"""Shape (rows, columns), or none."""
 
 State = Literal["taken", "missed", "rejected", "failed"]
 """How a planned slot ends."""
@@ -50,17 +69,20 @@ class Recipe:
     remove_background : bool
         Remove what stands well apart behind the object.
     keep_frames : bool
+    frames_for : timedelta64 or None
+        How long frames are kept; None for ever.
     """
 
     patterns: PatternSet
     calibration: Calibration
     grid: Grid
-    stable: npt.NDArray[np.bool_] | None = None
-    region: npt.NDArray[np.bool_] | None = None
+    stable: Mask = None
+    region: Mask = None
     metrics: tuple[str, ...] = ()
     alarms: tuple[Alarm, ...] = ()
     remove_background: bool = True
     keep_frames: bool = False
+    frames_for: np.timedelta64 | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,36 +144,62 @@ def visit(frames: Frames, recipe: Recipe, epoch: Epoch | None, planned: Instant)
     CaptureError, ValueError
         If the frames cannot become a height map, or `diagnose` rejects them.
     """
-    notes = _remarks(frames)
+    notes = remarks(frames)
     scan = make_scan(frames, recipe)
+    baseline = epoch.baseline if epoch is not None else None
+    finding = compare_with(baseline, scan, recipe.stable, recipe.region, recipe.metrics)
+    before = epoch.alarms if epoch is not None else {}
+    result = judged(finding, recipe.alarms, before, planned, notes)
     kept = frames if recipe.keep_frames else None
-    if epoch is None or scan.calibration_id != epoch.baseline.calibration_id:
-        alarms: dict[str, AlarmState] = {alarm.name: "ok" for alarm in recipe.alarms}
-        tick = Tick(planned, scan, alarms=alarms, events=notes, calibration=recipe.calibration, frames=kept)
-        return Yield(tick, "taken")
+    since = frames.time - recipe.frames_for if recipe.keep_frames and recipe.frames_for is not None else None
+    return replace(result, tick=replace(result.tick, calibration=recipe.calibration, frames=kept, frames_since=since))
 
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Finding:
+    """What one scan says, before the alarms have been judged: its change against the baseline, and its metrics."""
+
+    scan: Scan
+    change: Change | None = None
+    metrics: Mapping[str, Measurement] = field(default_factory=dict)
+
+
+def compare_with(baseline: Scan | None, scan: Scan, stable: Mask, region: Mask, metrics: tuple[str, ...]) -> Finding:
+    """Compare a scan with its epoch's baseline; one of another calibration, or without a baseline, starts an epoch."""
+    if baseline is None or scan.calibration_id != baseline.calibration_id:
+        return Finding(scan)
     from pipelines.change import compare, measure
 
-    comparison: Comparison = compare(scan, epoch.baseline, stable=recipe.stable, region=recipe.region)
-    motion = comparison.change.motion
-    if motion.verdict == "failed":
-        cause = f"registration failed: {motion.reason}"
-        metrics: Mapping[str, Measurement] = {}
-    else:
-        cause = ""
-        metrics = measure(comparison, recipe.metrics)
-    states = {alarm.name: judge_alarm(alarm, metrics.get(alarm.metric)) for alarm in recipe.alarms}
-    events = _alarm_events(recipe.alarms, states, epoch.alarms, metrics, scan.time)
+    comparison: Comparison = compare(scan, baseline, stable=stable, region=region)
+    failed = comparison.change.motion.verdict == "failed"
+    return Finding(scan, comparison.change, {} if failed else measure(comparison, metrics))
+
+
+def judged(
+    finding: Finding,
+    alarms: tuple[Alarm, ...],
+    before: Mapping[str, AlarmState],
+    planned: Instant,
+    notes: tuple[Event, ...] = (),
+) -> Yield:
+    """Judge the alarms of a scan and say what happened; `before` is where they stood."""
+    scan, change, metrics = finding.scan, finding.change, finding.metrics
+    if change is None:
+        fine: dict[str, AlarmState] = {alarm.name: "ok" for alarm in alarms}
+        return Yield(Tick(planned, scan, alarms=fine, events=notes), "taken")
+    motion = change.motion
+    cause = f"registration failed: {motion.reason}" if motion.verdict == "failed" else ""
+    states = {alarm.name: judge_alarm(alarm, metrics.get(alarm.metric)) for alarm in alarms}
+    events = alarm_events(alarms, states, before, metrics, scan.time)
     if cause:
         events = (Event(scan.time, "rejected", cause), *events)
     elif motion.verdict == "doubtful":
         events = (Event(scan.time, "note", f"registration doubtful: {motion.reason}"), *events)
-    events = (*events, *notes)
-    tick = Tick(planned, scan, comparison.change, metrics, states, events, recipe.calibration, kept)
+    tick = Tick(planned, scan, change, metrics, states, (*events, *notes))
     return Yield(tick, "rejected" if cause else "taken", cause)
 
 
-def _remarks(frames: Frames) -> tuple[Event, ...]:
+def remarks(frames: Frames) -> tuple[Event, ...]:
     """Refuse a capture that would give wrong heights; of one that is to be used with care, say why."""
     from pipelines.reconstruction import diagnose
 
@@ -182,7 +230,7 @@ def limits_of(alarm: Alarm) -> Limits:
     return Limits(alarm.warn_above, alarm.alarm_above, alarm.warn_below, alarm.alarm_below)
 
 
-def _alarm_events(
+def alarm_events(
     alarms: tuple[Alarm, ...],
     states: Mapping[str, AlarmState],
     before: Mapping[str, AlarmState],

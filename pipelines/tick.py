@@ -50,6 +50,8 @@ class Tick:
         What placed the scan; the store keeps each one once, by id.
     frames : Frames or None
         Raw frames to keep, where the campaign retains them.
+    frames_since : Instant or None
+        Raw frames that were taken before are let go with this tick.
     """
 
     planned: Instant
@@ -60,6 +62,7 @@ class Tick:
     events: tuple[Event, ...] = ()
     calibration: Calibration | None = None
     frames: Frames | None = None
+    frames_since: Instant | None = None
 
     def __post_init__(self) -> None:
         check_instant(self.planned, "planned time")

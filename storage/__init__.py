@@ -4,16 +4,18 @@ from .capture_folder import read_capture, read_image, write_capture
 from .care import Collected, Statistics, cite, collect, compact, expire, statistics
 from .copying import copy_store
 from .durable import whole_file
-from .exporters import write_height_map, write_points, write_series
+from .exporters import write_change, write_height_map, write_points, write_series
 from .history import cell_history, find_scan, line_history
-from .importers import read_height_map
+from .importers import read_height_map, read_raster, scan_of
 from .ledger import Ledger, LedgerAddress, LedgerRow, LedgerWriteError, SlotState, ledger_beside
 from .location import store_exists, writer_of
 from .network import network_file_system
 from .past import Snapshot, snapshots
 from .pattern_file import read_patterns, write_patterns
 from .point_file import holds_points, read_points
+from .rework import Rework
 from .room import BYTES_PER_CELL, Room, full_at, room_of, used_bytes
+from .spread import Spread, engine
 from .stage_file import StageFile, StagePosition, read_stage
 from .store import About, Store, Stored
 from .stores import STORES, create_store, open_store
@@ -29,9 +31,11 @@ __all__ = [
     "LedgerAddress",
     "LedgerRow",
     "LedgerWriteError",
+    "Rework",
     "Room",
     "SlotState",
     "Snapshot",
+    "Spread",
     "StageFile",
     "StagePosition",
     "Statistics",
@@ -44,6 +48,7 @@ __all__ = [
     "compact",
     "copy_store",
     "create_store",
+    "engine",
     "expire",
     "find_scan",
     "full_at",
@@ -57,8 +62,10 @@ __all__ = [
     "read_image",
     "read_patterns",
     "read_points",
+    "read_raster",
     "read_stage",
     "room_of",
+    "scan_of",
     "snapshots",
     "statistics",
     "store_exists",
@@ -66,6 +73,7 @@ __all__ = [
     "verify",
     "whole_file",
     "write_capture",
+    "write_change",
     "write_height_map",
     "write_patterns",
     "write_points",

@@ -95,6 +95,20 @@ class Bucket:
         """Mend nothing: an object is written whole or not at all."""
         return False
 
+    def advance(self, repository: Any, before: str, snapshot: str) -> None:
+        """Make a snapshot the newest one after `before`, by a conditional write whose answer may have been lost."""
+        import icechunk
+
+        try:
+            repository.reset_branch(BRANCH, snapshot, from_snapshot_id=before)
+        except (icechunk.IcechunkError, icechunk.ConflictError):
+            tip: str = repository.lookup_branch(BRANCH)
+            if tip == snapshot:
+                return
+            if tip != before:
+                raise StoreError(f"{self}: another writer wrote here meanwhile: nothing was changed") from None
+            raise
+
     def publish(self, repository: Any, session: Any, message: str, metadata: dict[str, Any]) -> str:
         """Commit a session: the reference moves by a conditional write, which fails if another writer moved it.
 

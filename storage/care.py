@@ -15,7 +15,7 @@ from pipelines import Instant
 
 from .icechunk_store import IcechunkStore
 from .location import BRANCH, Location, location_of
-from .repository import open_repository, root_of, short
+from .repository import open_repository, root_of, short, unfinished
 from .room import full_at
 from .stores import open_store
 
@@ -89,7 +89,7 @@ def expire(path: str | Path, older_than: datetime) -> int:
     """
     location = location_of(path)
     with _held(location) as repository:
-        newest = list(islice(repository.ancestry(branch=BRANCH), KEPT))
+        newest = list(islice((each for each in repository.ancestry(branch=BRANCH) if not unfinished(each)), KEPT))
         dropped: set[str] = repository.expire_snapshots(min(older_than, newest[-1].written_at))
         location.sync()
     return len(dropped)

@@ -16,20 +16,20 @@ from configs import StoreError
 
 from .durable import sync_file_system
 from .folder import Folder
-from .icechunk_store import IcechunkStore, reason
+from .icechunk_store import IcechunkStore
 from .layout import (
     CELLS_OF_CHANGE,
     CELLS_OF_SCAN,
     grid_of,
     lay_out,
-    lay_out_raw,
     metrics_of,
     root_attributes,
     split_sizes,
 )
 from .ledger import Ledger, ledger_beside
 from .location import BRANCH, location_of
-from .repository import create_repository, open_repository, root_of, short
+from .raw_frames import FRAMES, LET_GO, lay_out_frames
+from .repository import create_repository, open_repository, reason, root_of, short
 from .stores import open_store
 from .wholeness import faults
 
@@ -129,7 +129,7 @@ def _copy_files(source: Path, target: Path, progress: Progress) -> None:
 def _copy_newest(reader: IcechunkStore, target: Path, progress: Progress) -> None:
     old, about = root_of(reader.session), reader.about
     grid = grid_of(old.attrs)
-    repository = create_repository(Folder(target), split_sizes(grid), (*CELLS_OF_SCAN, *CELLS_OF_CHANGE))
+    repository = create_repository(Folder(target), split_sizes(grid), (*CELLS_OF_SCAN, *CELLS_OF_CHANGE, *FRAMES))
     session = repository.writable_session(BRANCH)
     created = str(old.attrs["created"])
     import zarr
@@ -138,8 +138,10 @@ def _copy_newest(reader: IcechunkStore, target: Path, progress: Progress) -> Non
     new = zarr.create_group(session.store, attributes=attributes)
     lay_out(new, grid, str(old["scans/height"].dtype), metrics_of(old["metrics"]))
     for kind, group in old["raw"].groups() if "raw" in old else ():
-        frames = group["frames"]
-        lay_out_raw(new.require_group("raw"), kind, frames.shape[1:], frames.dtype, dict(group.attrs["patterns"]))
+        name = next(name for name in FRAMES if name in group)
+        frames, raw = group[name], new.require_group("raw")
+        made = lay_out_frames(raw, kind, name, frames.shape[1:], frames.dtype, dict(group.attrs["patterns"]))
+        made.attrs[LET_GO] = int(group.attrs.get(LET_GO, 0))
     session.commit(f"laid out as a copy of {about.location} at {about.snapshot}")
     names = sorted(name for name, each in old.members(max_depth=None) if hasattr(each, "chunks"))
     for done, name in enumerate(names):

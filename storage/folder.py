@@ -125,6 +125,16 @@ class Folder:
         sync_file(file)
         return True
 
+    def advance(self, repository: Any, before: str, snapshot: str) -> None:
+        """Make a snapshot the newest one after `before`: all of it on the disk first, then the reference."""
+        sync_file_system(self.path)
+        repository.reset_branch(BRANCH, snapshot, from_snapshot_id=before)
+        try:
+            sync_file(self._reference)
+        except OSError:
+            repository.reset_branch(BRANCH, before)  # what is not acknowledged is not there
+            raise
+
     def publish(self, repository: Any, session: Any, message: str, metadata: dict[str, Any]) -> str:
         """Commit a session durably: first everything it wrote, then the reference that makes it the newest.
 
@@ -133,13 +143,7 @@ class Folder:
         """
         before = session.snapshot_id
         snapshot: str = session.flush(message, metadata=metadata)
-        sync_file_system(self.path)
-        repository.reset_branch(BRANCH, snapshot, from_snapshot_id=before)
-        try:
-            sync_file(self._reference)
-        except OSError:
-            repository.reset_branch(BRANCH, before)  # what is not acknowledged is not there
-            raise
+        self.advance(repository, before, snapshot)
         return snapshot
 
     @property

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from configs import StoreError
-from pipelines import Calibration, Event, Grid, Instant, Tick, format_instant, parse_instant
+from pipelines import Calibration, Event, Frames, Grid, Instant, Tick, format_instant, parse_instant
 
 from .binned import rows_of_bins
 from .layout import (
@@ -26,19 +25,20 @@ from .layout import (
     split_sizes,
 )
 from .location import BRANCH, Location, Lock
-from .order import Place, Tail, place_all
+from .order import Place, Tail, described, place_all
 from .packing import HeightType
+from .raw_frames import FRAMES, let_go, read_frames, rows_of_frames
 from .records import (
     read_change,
     read_events,
     read_scan,
     rows_of_change,
     rows_of_events,
-    rows_of_frames,
     rows_of_metrics,
     rows_of_scan,
+    tail_of,
 )
-from .repository import check_whole, create_repository, newest_whole, open_repository, root_of, short
+from .repository import check_whole, create_repository, newest_whole, open_repository, reason, root_of
 from .rows import row, write_rows
 from .series import frame_of
 from .store import About, Stored
@@ -48,7 +48,9 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-__all__ = ["IcechunkStore", "reason"]
+    from .rework import Rework
+
+__all__ = ["IcechunkStore"]
 
 
 class IcechunkStore:
@@ -97,7 +99,7 @@ class IcechunkStore:
         import zarr
 
         def fill(making: Location) -> None:
-            repository = create_repository(making, split_sizes(grid), (*CELLS_OF_SCAN, *CELLS_OF_CHANGE))
+            repository = create_repository(making, split_sizes(grid), (*CELLS_OF_SCAN, *CELLS_OF_CHANGE, *FRAMES))
             session = repository.writable_session(BRANCH)
             attributes = root_attributes(site, grid, campaign, campaign_hash, software, format_instant(created))
             lay_out(zarr.create_group(session.store, attributes=attributes), grid, height_type, metrics)
@@ -160,7 +162,7 @@ class IcechunkStore:
             for tick, where in zip(ticks, places, strict=True):
                 self._write(root, tick, where)
 
-        self._commit(write, *_described(ticks, places))
+        self._commit(write, *described(ticks, places))
         self._tail = places[-1].tail
         return tuple(where.number for where in places)
 
@@ -168,12 +170,9 @@ class IcechunkStore:
         return self._tail.count
 
     def __getitem__(self, number: int) -> Stored:
-        count = len(self)
-        if not -count <= number < count:
-            raise IndexError(f"{self._location}: there is no scan {number}: it holds {count}")
-        number %= count
         import icechunk
 
+        number = self._number(number)
         try:
             return self._read(number)
         # a damaged file shows as whatever the codec above it makes of the bytes
@@ -214,6 +213,30 @@ class IcechunkStore:
             raise KeyError(f"{self._location}: no calibration {calibration_id!r}: it holds {', '.join(ids) or 'none'}")
         return Calibration.from_json(str(group["json"][ids.index(calibration_id)]))
 
+    def frames(self, number: int) -> Frames | None:
+        """Give the frames that a scan was made of; see `Store.frames`."""
+        return read_frames(self._root, self._number(number))
+
+    def rework(self, key: str, first: int, metrics: Mapping[str, str]) -> Rework | None:
+        """Begin, or take up again, to write all scans from `first` on anew; None where the store is that work's result.
+
+        Raises StoreError if the store is open to read.
+        """
+        from .rework import Rework
+
+        self._writing()
+        if Rework.done(self._repository, self._snapshot, key):
+            return None
+
+        def adopt(snapshot: str) -> None:
+            self._attach(snapshot)
+            self._about, self._height_type, self._tail = self._load()
+
+        units = {**self._about.metrics, **metrics}
+        grid = grid_of(self._root.attrs)
+        about = (self._repository, self._location, self._snapshot, key, grid, self._height_type, units, first)
+        return Rework(*about, check=self._writing, adopt=adopt)
+
     @property
     def session(self) -> Any:
         """The Icechunk session at ``about.snapshot``: ``xarray.open_zarr(session.store, group="scans")`` reads it."""
@@ -247,6 +270,12 @@ class IcechunkStore:
 
     def __repr__(self) -> str:
         return f"IcechunkStore({str(self._location)!r}, {len(self)} scans)"
+
+    def _number(self, number: int) -> int:
+        count = len(self)
+        if not -count <= number < count:
+            raise IndexError(f"{self._location}: there is no scan {number}: it holds {count}")
+        return number % count
 
     def _read(self, number: int) -> Stored:
         scans, grid = self._root["scans"], grid_of(self._root.attrs)
@@ -294,6 +323,8 @@ class IcechunkStore:
                 rows.append(row("calibrations/json", len(ids), tick.calibration.to_json()))
         if tick.frames is not None:
             rows += rows_of_frames(root, where.number, tick.frames)
+        if tick.frames_since is not None:
+            let_go(root, tick.frames_since)
         write_rows(root.store, rows)
 
     def _add_metrics(self, new: dict[str, str]) -> None:
@@ -363,34 +394,4 @@ class IcechunkStore:
         )
         scans = self._root["scans"]
         height_type = str(scans["height"].dtype)
-        count = scans["time"].shape[0]
-        if not count:
-            return about, height_type, Tail()
-        baseline = int(scans["baseline"][count - 1])
-        tail = Tail(
-            count=count,
-            time=np.datetime64(int(scans["time"][count - 1]), "ns"),
-            epoch=int(scans["epoch"][count - 1]),
-            baseline=baseline,
-            baseline_time=np.datetime64(int(scans["time"][baseline]), "ns"),
-            calibration_id=str(scans["calibration"][count - 1]),
-        )
-        return about, height_type, tail
-
-
-def _described(ticks: Sequence[Tick], places: Sequence[Place]) -> tuple[str, dict[str, Any]]:
-    """Give a commit's message and metadata: its newest slot, and its newest scan."""
-    planned = format_instant(ticks[-1].planned)
-    numbers = [where.number for where in places if where.number is not None]
-    if not numbers:
-        return f"tick {planned}: no scan", {"planned": planned}
-    scans = f"scan {numbers[0]}" if len(numbers) == 1 else f"scans {numbers[0]} to {numbers[-1]}"
-    told = f"{scans} of {planned}" if len(numbers) == 1 else f"{scans}, until {planned}"
-    return told, {"planned": planned, "scan": str(numbers[-1])}
-
-
-def reason(error: BaseException) -> str:
-    """Say in a line why the disk did not take or give something."""
-    if f"os error {errno.ENOSPC}" in str(error) or getattr(error, "errno", None) == errno.ENOSPC:
-        return "the disk is full: free some space"
-    return getattr(error, "strerror", None) or short(error)
+        return about, height_type, tail_of(scans, scans["time"].shape[0])

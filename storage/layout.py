@@ -7,7 +7,7 @@
     /metrics      NAME and NAME_sigma (time)
     /events       time kind text (event)
     /calibrations id json (calibration)
-    /raw          one group per kind of capture, only where frames are kept
+    /raw          one group per kind of capture, only where frames are kept; see `raw_frames`
 
 Cells lie in chunks of one scan; what is one number per scan lies in chunks of `TABLE_CHUNK` scans: a chunk per scan
 would make a thousand reads of a series. Every chunk ends in a CRC-32C of its bytes, which whoever reads it checks.
@@ -37,13 +37,15 @@ __all__ = [
     "NO_TIME",
     "SCHEMA",
     "TABLE_CHUNK",
+    "TIME",
     "add_metric",
+    "codecs",
     "grid_of",
     "lay_out",
-    "lay_out_raw",
     "metrics_of",
     "root_attributes",
     "split_sizes",
+    "table_of",
 ]
 
 SCHEMA = 2
@@ -66,11 +68,12 @@ MOTION_TERMS = (
     "sigma_xy_mm",
 )
 
-_TIME = {
+TIME = {
     "units": "nanoseconds since 1970-01-01",
     "calendar": "proleptic_gregorian",
     "units_metadata": "leap_seconds: none",  # as POSIX and numpy count
 }
+"""Attributes of an array of instants."""
 
 
 def root_attributes(site: str, grid: Grid, campaign: str, campaign_hash: str, software: str, created: str) -> Any:
@@ -116,42 +119,42 @@ def lay_out(root: Any, grid: Grid, height_type: str, metrics: Mapping[str, str])
     _cells(scans, "sigma", grid, "float32", {"units": "mm", "long_name": "standard uncertainty of height"})
     _cells(scans, "texture", grid, "uint8", {"units": "1", "long_name": "brightness under full light, 0 to 255"})
     _cells(scans, "level", grid, "uint8", {"units": "1", "long_name": "coarseness of the stripes resolved; 255 none"})
-    _table(scans, "scan", "int64", 0, {"units": "1", "long_name": "scan number"})
-    _table(scans, "epoch", "int32", 0, {"units": "1", "long_name": "epoch: grows where calibration or baseline change"})
-    _table(scans, "baseline", "int64", 0, {"units": "1", "long_name": "number of the scan that change is against"})
-    _table(scans, "planned", "int64", NO_TIME, {**_TIME, "long_name": "slot of the schedule", "_FillValue": NO_TIME})
-    _table(scans, "calibration", "str", "", {"long_name": "id of the calibration"})
-    _table(scans, "alarms", "str", "{}", {"long_name": "state of each alarm after the scan, JSON"})
+    table_of(scans, "scan", "int64", 0, {"units": "1", "long_name": "scan number"})
+    table_of(scans, "epoch", "int32", 0, {"units": "1", "long_name": "epoch: grows with a new calibration or baseline"})
+    table_of(scans, "baseline", "int64", 0, {"units": "1", "long_name": "number of the scan that change is against"})
+    table_of(scans, "planned", "int64", NO_TIME, {**TIME, "long_name": "slot of the schedule", "_FillValue": NO_TIME})
+    table_of(scans, "calibration", "str", "", {"long_name": "id of the calibration"})
+    table_of(scans, "alarms", "str", "{}", {"long_name": "state of each alarm after the scan, JSON"})
 
     change = root.create_group("change", attributes={**about, "title": "change since the baseline"})
     _coordinates(change, grid)
     _cells(change, "dz", grid, height_type, {"units": "mm", "long_name": "height now minus height then"})
     _cells(change, "lod", grid, "float32", {"units": "mm", "long_name": "level of detection at 95 %"})
-    then = {**_TIME, "long_name": "time of the baseline", "_FillValue": NO_TIME}
-    _table(change, "baseline_time", "int64", NO_TIME, then)
-    _table(change, "verdict", "str", "", {"long_name": "good, doubtful or failed; empty where there is no change"})
-    _table(change, "reason", "str", "", {"long_name": "why the verdict is not good"})
+    then = {**TIME, "long_name": "time of the baseline", "_FillValue": NO_TIME}
+    table_of(change, "baseline_time", "int64", NO_TIME, then)
+    table_of(change, "verdict", "str", "", {"long_name": "good, doubtful or failed; empty where there is no change"})
+    table_of(change, "reason", "str", "", {"long_name": "why the verdict is not good"})
     change.create_array(
         "motion",
         shape=(0, len(MOTION_TERMS)),
         chunks=(TABLE_CHUNK, len(MOTION_TERMS)),
         dtype="float64",
         fill_value=np.nan,
-        compressors=_codecs(),
+        compressors=codecs(),
         dimension_names=("time", "motion_term"),
         attributes={"long_name": "rigid motion, scan to baseline, row by row; then its quality", "terms": MOTION_TERMS},
     )
 
     _lay_out_binned(root, grid, height_type, about)
     table = root.create_group("metrics", attributes={**about, "title": "metrics", "metrics": "{}"})
-    _table(table, "time", "int64", NO_TIME, {**_TIME, "standard_name": "time", "axis": "T"})
+    table_of(table, "time", "int64", NO_TIME, {**TIME, "standard_name": "time", "axis": "T"})
     for name, unit in metrics.items():
         add_metric(table, name, unit)
     title = "failures, missed runs, alarms, epochs, remarks"
     events = root.create_group("events", attributes={**about, "title": title})
-    _table(events, "time", "int64", NO_TIME, {**_TIME, "long_name": "when it happened"}, along="event")
-    _table(events, "kind", "str", "", {"long_name": "what kind of event"}, along="event")
-    _table(events, "text", "str", "", {"long_name": "what happened, in words"}, along="event")
+    table_of(events, "time", "int64", NO_TIME, {**TIME, "long_name": "when it happened"}, along="event")
+    table_of(events, "kind", "str", "", {"long_name": "what kind of event"}, along="event")
+    table_of(events, "text", "str", "", {"long_name": "what happened, in words"}, along="event")
     title = "calibrations by id, as calibration.json"
     calibrations = root.create_group("calibrations", attributes={**about, "title": title})
     for name in ("id", "json"):
@@ -160,7 +163,7 @@ def lay_out(root: Any, grid: Grid, height_type: str, metrics: Mapping[str, str])
             shape=(0,),
             chunks=(1,),
             dtype="str",
-            compressors=_codecs("str"),
+            compressors=codecs("str"),
             dimension_names=("calibration",),
             attributes={"long_name": {"id": "id of a calibration", "json": "calibration.json"}[name]},
         )
@@ -171,29 +174,13 @@ def add_metric(table: Any, name: str, unit: str) -> None:
     count = int(table["time"].shape[0])
     table.attrs["metrics"] = json.dumps({**metrics_of(table), name: unit})  # text: NetCDF attributes hold no mapping
     for array, what in ((name, "value"), (f"{name}_sigma", "standard uncertainty")):
-        _table(table, array, "float64", np.nan, {"units": unit, "long_name": f"{name}: {what}"}, count=count)
+        table_of(table, array, "float64", np.nan, {"units": unit, "long_name": f"{name}: {what}"}, count=count)
 
 
 def metrics_of(table: Any) -> dict[str, str]:
     """Give the unit of each metric of a ``/metrics`` group; schema 1 kept a mapping, not its JSON."""
     kept = table.attrs["metrics"]
     return dict(json.loads(kept) if isinstance(kept, str) else kept)
-
-
-def lay_out_raw(raw: Any, kind: str, shape: tuple[int, ...], dtype: Any, patterns: dict[str, Any]) -> None:
-    """Make the arrays of one kind of capture, empty."""
-    group = raw.create_group(kind, attributes={"patterns": patterns})
-    group.create_array(
-        "frames",
-        shape=(0, *shape),
-        chunks=(1, 1, *shape[1:]),
-        dtype=dtype,
-        compressors=_codecs(),
-        dimension_names=("time", "frame", "row", "column"),
-    )
-    _table(group, "time", "int64", NO_TIME, {**_TIME, "long_name": "time of the capture"})
-    _table(group, "scan", "int64", -1, {"units": "1", "long_name": "scan that came of it; -1 where none did"})
-    _table(group, "exposure_ms", "float64", np.nan, {"units": "ms", "long_name": "exposure of a frame"})
 
 
 def _lay_out_binned(root: Any, grid: Grid, height_type: str, about: Mapping[str, str]) -> None:
@@ -216,7 +203,7 @@ def _lay_out_binned(root: Any, grid: Grid, height_type: str, about: Mapping[str,
             chunks=(FOLD, min(64, rows), min(64, columns)),
             dtype=height_type,
             fill_value=fill_of(height_type),
-            compressors=_codecs(),
+            compressors=codecs(),
             dimension_names=("folded", "y", "x"),
             attributes={"long_name": f"mean {name} of the first scans, as many as were folded", **attributes},
         )
@@ -226,7 +213,7 @@ def _lay_out_binned(root: Any, grid: Grid, height_type: str, about: Mapping[str,
             chunks=(1, min(CELL_CHUNK, rows), min(CELL_CHUNK, columns)),
             dtype=height_type,
             fill_value=fill_of(height_type),
-            compressors=_codecs(),
+            compressors=codecs(),
             dimension_names=("tail", "y", "x"),
             attributes={
                 "long_name": f"mean {name} of the scans after those of {name}; scan n in n % {FOLD}",
@@ -236,13 +223,13 @@ def _lay_out_binned(root: Any, grid: Grid, height_type: str, about: Mapping[str,
 
 
 def _coordinates(group: Any, grid: Grid) -> None:
-    _table(group, "time", "int64", NO_TIME, {**_TIME, "standard_name": "time", "axis": "T"})
+    table_of(group, "time", "int64", NO_TIME, {**TIME, "standard_name": "time", "axis": "T"})
     for name, values in (("y", grid.y_mm), ("x", grid.x_mm)):
         group.create_array(
             name,
             data=values,
             chunks=values.shape,
-            compressors=_codecs(),
+            compressors=codecs(),
             dimension_names=(name,),
             attributes={
                 "units": "mm",
@@ -268,13 +255,13 @@ def _cells(group: Any, name: str, grid: Grid, kind: str, attributes: dict[str, A
         chunks=(1, min(CELL_CHUNK, grid.rows), min(CELL_CHUNK, grid.columns)),
         dtype=kind,
         fill_value=fill,
-        compressors=_codecs(kind),
+        compressors=codecs(kind),
         dimension_names=("time", "y", "x"),
         attributes=attributes,
     )
 
 
-def _table(
+def table_of(
     group: Any,
     name: str,
     kind: str,
@@ -284,19 +271,20 @@ def _table(
     along: str = "time",
     count: int = 0,
 ) -> None:
+    """Make an array of one number or text per scan, or per whatever lies `along` it."""
     group.create_array(
         name,
         shape=(count,),
         chunks=(TABLE_CHUNK,),
         dtype=kind,
         fill_value=fill,
-        compressors=_codecs(kind),
+        compressors=codecs(kind),
         dimension_names=(along,),
         attributes=attributes,
     )
 
 
-def _codecs(kind: str = "") -> list[Any]:
+def codecs(kind: str = "") -> list[Any]:
     """Give what turns values into a chunk's bytes: compression, then a checksum of what is stored.
 
     Measured on rough soil (`tests/benchmarks/bench_store_layout.py`): bits of steps of height are sorted best by their

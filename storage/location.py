@@ -82,6 +82,10 @@ class Location(Protocol):
         """Mend a reference that a power cut tore; say whether there was one."""
         ...
 
+    def advance(self, repository: Any, before: str, snapshot: str) -> None:
+        """Make a snapshot the newest one after `before`, durably; refuse where another is the newest."""
+        ...
+
     def publish(self, repository: Any, session: Any, message: str, metadata: dict[str, Any]) -> str:
         """Commit a session, durable when it returns; give the snapshot's id."""
         ...

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from configs import StoreError
-from pipelines import Calibration, Event, Grid, Instant, Measurement, Tick, format_instant
+from pipelines import Calibration, Event, Frames, Grid, Instant, Measurement, Tick, format_instant
 
 from .layout import SCHEMA
 from .order import Place, Tail, place_all
@@ -50,6 +50,7 @@ class MemoryStore:
         self._measured: list[Mapping[str, Measurement]] = []
         self._events: list[Event] = []
         self._calibrations: dict[str, Calibration] = {}
+        self._frames: dict[int, Frames] = {}
         self._commits = 0
         self._open = True
 
@@ -79,6 +80,11 @@ class MemoryStore:
                 Stored(where.number, tail.epoch, tail.baseline, tick.planned, tick.scan, tick.change, dict(tick.alarms))
             )
             self._measured.append(dict(tick.metrics))
+            if tick.frames is not None:
+                self._frames[where.number] = tick.frames
+        since = tick.frames_since
+        if since is not None:
+            self._frames = {number: each for number, each in self._frames.items() if each.time >= since}
         self._tail = where.tail
         self._events.extend(where.events)
         if tick.calibration is not None:
@@ -161,6 +167,10 @@ class MemoryStore:
         if calibration_id not in self._calibrations:
             raise KeyError(f"{self.about.location}: no calibration {calibration_id!r}")
         return self._calibrations[calibration_id]
+
+    def frames(self, number: int) -> Frames | None:
+        """Give the frames that a scan was made of; see `Store.frames`."""
+        return self._frames.get(self[number].number)
 
     def close(self) -> None:
         """Close to writing."""

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from configs import StoreError
 from pipelines import Event, Grid, Instant, Tick, format_instant
 
-__all__ = ["Place", "Tail", "place", "place_all"]
+__all__ = ["Place", "Tail", "described", "place", "place_all"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,3 +112,14 @@ def _reason(tail: Tail, number: int, calibration_id: str) -> str:
 def _grid(grid: Grid) -> str:
     corner = f"{np.float32(grid.x0_mm)}, {np.float32(grid.y0_mm)}"
     return f"{grid.rows} x {grid.columns} cells of {grid.pitch_mm:g} mm from ({corner})"
+
+
+def described(ticks: Sequence[Tick], places: Sequence[Place]) -> tuple[str, dict[str, Any]]:
+    """Give a commit's message and metadata: its newest slot, and its newest scan."""
+    planned = format_instant(ticks[-1].planned)
+    numbers = [where.number for where in places if where.number is not None]
+    if not numbers:
+        return f"tick {planned}: no scan", {"planned": planned}
+    scans = f"scan {numbers[0]}" if len(numbers) == 1 else f"scans {numbers[0]} to {numbers[-1]}"
+    told = f"{scans} of {planned}" if len(numbers) == 1 else f"{scans}, until {planned}"
+    return told, {"planned": planned, "scan": str(numbers[-1])}

@@ -14,7 +14,7 @@ from configs import InputError, StoreError
 from pipelines import Instant, format_instant, instant, parse_instant
 
 from .location import BRANCH, Location, location_of
-from .repository import open_repository, short
+from .repository import open_repository, short, unfinished
 
 __all__ = ["Moment", "Snapshot", "snapshot_at", "snapshots"]
 
@@ -78,8 +78,9 @@ def snapshot_at(repository: Any, location: Location, snapshot: str | None, as_of
 
 
 def _ancestry(repository: Any) -> Iterator[Any]:
-    """Give the commits, newest first, but the empty one that Icechunk begins with."""
-    return (info for info in repository.ancestry(branch=BRANCH) if info.parent_id is not None)
+    """Give the commits, newest first, but the empty one that Icechunk begins with and the steps of a `Rework`."""
+    commits = repository.ancestry(branch=BRANCH)
+    return (info for info in commits if info.parent_id is not None and not unfinished(info))
 
 
 def _snapshot(info: Any) -> Snapshot:

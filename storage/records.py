@@ -1,20 +1,18 @@
-"""One scan, change, event or capture, as arrays of a store and back."""
+"""One scan, change or event, as arrays of a store and back."""
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict
 from typing import Any, cast
 
 import numpy as np
 
-from pipelines import Change, Event, Frames, Grid, Measurement, Motion, Scan, Tick
+from pipelines import Change, Event, Grid, Measurement, Motion, Scan, Tick
 from pipelines.change import Verdict
 
-from .layout import NO_TIME, lay_out_raw
-from .order import Place
+from .layout import NO_TIME
+from .order import Place, Tail
 from .packing import STEP_MM, pack_heights, pack_sigmas, unpack_heights
 from .rows import Rows, row, texts
 
@@ -24,9 +22,9 @@ __all__ = [
     "read_scan",
     "rows_of_change",
     "rows_of_events",
-    "rows_of_frames",
     "rows_of_metrics",
     "rows_of_scan",
+    "tail_of",
 ]
 
 
@@ -61,6 +59,21 @@ def read_scan(group: Any, number: int, grid: Grid) -> Scan:
         texture=group["texture"][number],
         level=group["level"][number],
         calibration_id=str(group["calibration"][number]),
+    )
+
+
+def tail_of(scans: Any, count: int) -> Tail:
+    """Give the tail of the first `count` scans."""
+    if not count:
+        return Tail()
+    baseline = int(scans["baseline"][count - 1])
+    return Tail(
+        count=count,
+        time=np.datetime64(int(scans["time"][count - 1]), "ns"),
+        epoch=int(scans["epoch"][count - 1]),
+        baseline=baseline,
+        baseline_time=np.datetime64(int(scans["time"][baseline]), "ns"),
+        calibration_id=str(scans["calibration"][count - 1]),
     )
 
 
@@ -135,24 +148,3 @@ def read_events(group: Any) -> tuple[Event, ...]:
         for time, kind, text in zip(times, group["kind"][:], group["text"][:], strict=True)
     ]
     return tuple(sorted(events, key=lambda event: event.time))
-
-
-def rows_of_frames(root: Any, number: int | None, frames: Frames) -> list[Rows]:
-    """Give the rows of raw frames in ``/raw/KIND``: a group for each shape, depth and pattern set, made if new.
-
-    A group per capture would make every commit list them all. Scan -1 where no scan came of the frames.
-    """
-    patterns = json.dumps(asdict(frames.patterns), sort_keys=True)
-    shape, dtype = frames.stack.shape, frames.stack.dtype
-    kind = hashlib.sha256(f"{shape}{dtype}{patterns}".encode()).hexdigest()[:12]
-    raw = root.require_group("raw")
-    if kind not in raw:
-        lay_out_raw(raw, kind, shape, dtype, json.loads(patterns))
-    at = raw[kind]["time"].shape[0]
-    values = {
-        "frames": frames.stack,
-        "time": frames.time.astype(np.int64),
-        "scan": np.int64(-1 if number is None else number),
-        "exposure_ms": frames.exposure_ms,
-    }
-    return [row(f"raw/{kind}/{name}", at, value) for name, value in values.items()]

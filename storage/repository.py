@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Callable
 from typing import Any, Literal
@@ -10,7 +11,16 @@ from configs import StoreError
 
 from .location import BRANCH, Location
 
-__all__ = ["check_whole", "create_repository", "newest_whole", "open_repository", "root_of", "short"]
+__all__ = [
+    "check_whole",
+    "create_repository",
+    "newest_whole",
+    "open_repository",
+    "reason",
+    "root_of",
+    "short",
+    "unfinished",
+]
 
 INLINE_BYTES = 1100
 """A table's newest chunk (128 numbers) lies in the manifest that every commit rewrites anyway: half the files."""
@@ -110,20 +120,29 @@ def newest_whole(repository: Any, location: Location, probe: Callable[[Any], Non
 
     tip = repository.lookup_branch(BRANCH)
     first = _fault(repository, tip, probe)
+    if not first and unfinished(repository.lookup_snapshot(tip)):
+        first = "its scans were being processed again"  # named by a reference that was torn and mended
     if not first:
         return tip, ""
     candidates = []
     for name in location.snapshots():
         try:
-            candidates.append((repository.lookup_snapshot(name).written_at, name))
+            info = repository.lookup_snapshot(name)
         except (icechunk.IcechunkError, ValueError):
             continue
+        if not unfinished(info):
+            candidates.append((info.written_at, name))
     for _, name in sorted(candidates, reverse=True):
         if name != tip and not _fault(repository, name, probe):
             return name, f"snapshot {tip} cannot be read ({first}); went back to {name}"
     raise StoreError(
         f"{location}: no snapshot holds a whole store ({first}): check the path, or restore it from a copy"
     )
+
+
+def unfinished(info: Any) -> bool:
+    """Whether a snapshot is a step of `rework.Rework`: new and old results side by side, shown to nobody."""
+    return "process" in info.metadata and "processed" not in info.metadata
 
 
 def check_whole(repository: Any, location: Location, snapshot: str, probe: Callable[[Any], None]) -> None:
@@ -152,3 +171,10 @@ def short(error: BaseException) -> str:
     lines = [line.strip(" |x-`>") for line in str(error).splitlines()]
     line = next((line for line in lines if line), type(error).__name__)
     return line.split(" in store <")[0]  # the address of an object helps nobody
+
+
+def reason(error: BaseException) -> str:
+    """Say in a line why the disk did not take or give something."""
+    if f"os error {errno.ENOSPC}" in str(error) or getattr(error, "errno", None) == errno.ENOSPC:
+        return "the disk is full: free some space"
+    return getattr(error, "strerror", None) or short(error)

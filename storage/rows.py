@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Rows", "all_of", "row", "texts", "write_rows"]
+__all__ = ["Rows", "all_of", "delete_below", "row", "texts", "write_rows"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,6 +51,16 @@ def write_rows(store: Any, rows: Sequence[Rows]) -> None:
     """
     with ThreadPoolExecutor(1, thread_name_prefix="microrelief-store") as worker:
         worker.submit(lambda: asyncio.run(_write_all(store, rows))).result()
+
+
+def delete_below(store: Any, folders: Sequence[str]) -> None:
+    """Delete every key below some folders of a store, such as the chunks of some rows of an array."""
+
+    async def delete() -> None:
+        await all_of(store.delete_dir(folder) for folder in folders)
+
+    with ThreadPoolExecutor(1, thread_name_prefix="microrelief-store") as worker:
+        worker.submit(lambda: asyncio.run(delete())).result()
 
 
 async def _write_all(store: Any, rows: Sequence[Rows]) -> None:

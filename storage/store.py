@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
-from pipelines import Calibration, Change, Event, Grid, Instant, Scan, Tick
+from pipelines import Calibration, Change, Event, Frames, Grid, Instant, Scan, Tick
 from pipelines.trends import AlarmState
 
 if TYPE_CHECKING:
@@ -57,8 +57,8 @@ class Stored:
 class Store(Protocol):
     """Keeps ticks in the order of their time. One writer, any number of readers.
 
-    Five verbs: ``append`` (one tick, or ``append_all`` of them), ``len``, ``[]``, ``window``, ``series``; and three
-    nouns: ``about``, ``events``, ``calibration(calibration_id)``.
+    Five verbs: ``append`` (one tick, or ``append_all`` of them), ``len``, ``[]``, ``window``, ``series``; and four
+    nouns: ``about``, ``events``, ``calibration(calibration_id)``, ``frames(number)``.
     """
 
     def append(self, tick: Tick) -> int | None:
@@ -107,6 +107,13 @@ class Store(Protocol):
 
     def calibration(self, calibration_id: str) -> Calibration:
         """Give a calibration that placed some scan. Raises KeyError where there is none of that id."""
+        ...
+
+    def frames(self, number: int) -> Frames | None:
+        """Give the frames that a scan was made of; None where they were not kept, or were let go since.
+
+        Raises IndexError beyond either end.
+        """
         ...
 
     def close(self) -> None:

@@ -71,8 +71,7 @@ def crack_mask(scan: Scan, rule: CrackRule | None = None) -> npt.NDArray[np.bool
     z = scan.height
     if not np.isfinite(z).any():
         return np.zeros(z.shape, dtype=np.bool_)
-    sigma = float(np.nanmedian(scan.sigma))
-    noise = rule.noise * sigma if np.isfinite(sigma) else 0.0
+    noise = rule.noise * float(np.nanmedian(scan.sigma)) if np.isfinite(scan.sigma).any() else 0.0
 
     widest = round(rule.max_width_mm / pitch)
     sure = np.zeros(z.shape, dtype=np.bool_)

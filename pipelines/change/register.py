@@ -91,7 +91,9 @@ def find_motion(
             return _failed(overlap, "the stable cells are too few or lie on one line"), nowhere
         matrix = _levelling(plane, baseline) @ matrix
     assert plane is not None
-    expected = float(np.nanmedian(np.sqrt(scan.sigma[held] ** 2 + baseline.sigma[held] ** 2)))
+    sigmas = np.sqrt(scan.sigma[held] ** 2 + baseline.sigma[held] ** 2)
+    # an imported map may say no sigma: then its residual cannot be judged
+    expected = float(np.nanmedian(sigmas)) if np.isfinite(sigmas).any() else np.inf
     # 1 um keeps a noise-free height map (imported, synthetic) from being judged by its rounding
     verdict, reason = _judge(drift, plane.residual / max(expected, 1e-3), share)
     motion = Motion(

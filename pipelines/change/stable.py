@@ -113,7 +113,8 @@ def largest_consensus(
     if full.sum() < 8:
         return np.isfinite(dz), 0.0
     medians = np.nanmedian(cells[full], axis=1).astype(np.float64)
-    noise = float(np.nanmedian(patches(sigma)[full]))
+    sigmas = patches(sigma)[full]
+    noise = float(np.nanmedian(sigmas)) if np.isfinite(sigmas).any() else 0.0  # an imported map may say none
     # patches of still ground differ by correlated noise, a good part of one cell's sigma, never less than its mean's
     bound = 3 * max(0.3 * noise, robust_sigma(cells[full] - medians[:, None].astype(np.float32)) / patch, 1e-6)
     where = np.flatnonzero(full)

@@ -126,6 +126,9 @@ def _from_one_axis(c, r, sigma_c, sigma_r, u, v, lit, R, t, lens, least):  # typ
     guess_r = np.float32(0.5 * (lit.shape[0] - 2 * MARGIN_PX)) if has_c else r
     depth, ax, ay = np.nan, np.nan, np.nan
     for _turn in range(4):
+        if not (guess_c == guess_c and guess_r == guess_r):  # the ray falls nowhere; NaN is no place in a table
+            depth = np.nan
+            break
         x, y = _lookup(lit, guess_c, guess_r)
         ax, bx = fx * (dx - x * dz), fx * (t[0] - x * t[2])
         ay, by = fy * (dy - y * dz), fy * (t[1] - y * t[2])

@@ -148,6 +148,9 @@ def _kernel(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
             guess_c = c if has_c else middle_column
             guess_r = r if has_r else middle_row
             for _turn in range(1 if has_c and has_r else TURNS):
+                if not (guess_c == guess_c and guess_r == guess_r):  # the ray falls nowhere
+                    depth = np.nan
+                    break
                 x, y = _lookup(lit, guess_c, guess_r)
                 ax, bx = fx * (dx - x * dz), fx * (tx - x * tz)
                 ay, by = fy * (dy - y * dz), fy * (ty - y * tz)

@@ -155,7 +155,7 @@ MISTAKES = [
     (
         "region_mm:",
         "retain: {raw_frames: some}\nregion_mm:",
-        "site.yaml:14:22: retain.raw_frames: must be one of 'off', 'all', not 'some'",
+        "site.yaml:14:22: retain.raw_frames: must be off, all, or how long, such as 30 days, not 'some'",
     ),
     (
         "region_mm:",
@@ -190,7 +190,9 @@ def test_all_mistakes_are_told_at_once_in_the_order_of_the_file(tmp_path: Path) 
 
 def test_a_missing_part_says_what_belongs_there(tmp_path: Path) -> None:
     text = GOOD.replace("store:\n  path: plot7.icechunk\n", "")
-    assert problems(tmp_path, text) == ["site.yaml:1:1: store: missing: add `store:` with path, kind, folder"]
+    assert problems(tmp_path, text) == [
+        "site.yaml:1:1: store: missing: add `store:` with path, kind, reserve_mb, folder"
+    ]
 
 
 def test_a_missing_key_is_placed_at_its_parent(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from pipelines import Calibration, Change, Event, Grid, Instant, Motion, Scan, Tick
+from pipelines import Calibration, Change, Event, Frames, Grid, Instant, Motion, Scan, Tick
 from pipelines.trends import AlarmState
 from storage import About, Stored
 
@@ -64,6 +64,9 @@ class DryingStore:
 
     def calibration(self, calibration_id: str) -> Calibration:
         raise KeyError(calibration_id)
+
+    def frames(self, number: int) -> Frames | None:
+        return None
 
     def close(self) -> None:
         pass

@@ -52,7 +52,7 @@ FRAMES = Frames(np.zeros((len(PATTERNS.roles), 4, 5), np.uint8), T0, PATTERNS)
 def gives(monkeypatch: pytest.MonkeyPatch) -> list[Scan]:
     """The scans that the reconstruction gives, one after the other, of captures that are fine."""
     scans: list[Scan] = []
-    monkeypatch.setattr(module, "_remarks", lambda frames: ())
+    monkeypatch.setattr(module, "remarks", lambda frames: ())
     monkeypatch.setattr(module, "make_scan", lambda frames, recipe: scans.pop(0))
     return scans
 

@@ -83,7 +83,7 @@ def test_compliance_checker_finds_no_fault(tmp_path: Path, group: str) -> None:
         pytest.skip("compliance-checker is not installed: pip install compliance-checker")
     pytest.importorskip("netCDF4")
     store = _made(tmp_path / "s")
-    data = xr.open_zarr(store.session.store, group=group, consolidated=False)  # type: ignore[attr-defined]  # Icechunk
+    data = xr.open_zarr(store.session.store, group=group, consolidated=False, chunks=None)  # type: ignore[attr-defined]  # Icechunk
     exported = {name: {"_FillValue": None} for name in ("x", "y") if name in data}
     data.to_netcdf(tmp_path / "group.nc", encoding=exported)
     done = subprocess.run(

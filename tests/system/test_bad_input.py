@@ -12,6 +12,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ import numpy.typing as npt
 import pytest
 
 from monitor.cli import run_tokens
-from pipelines import Calibration, Grid, Lens, PatternSet
+from pipelines import Calibration, Grid, Lens, PatternSet, Scan, Tick
 from storage import create_store, write_patterns
 
 pytestmark = pytest.mark.xdist_group("bad-input")  # one worker makes the folder, once
@@ -153,6 +154,43 @@ REFUSED = [
     ("report into a file", "report bare.icechunk --out text.txt", 1, "text.txt: cannot write the report there"),
     ("report to nowhere", "report bare.icechunk", 2, "--out is missing; see `microrelief report --help`"),
     ("an option without its value", "review bare.icechunk --save", 2, "--save needs a value; see `microrelief review"),
+    ("process of some folder", "process plain", 1, "plain: is no store"),
+    ("process of an empty store", "process bare.icechunk", 2, "bare.icechunk: holds no scan yet"),
+    ("process with no worker", "process bare.icechunk --workers 0", 2, "--workers must be at least 1, not 0"),
+    (
+        "process here and there",
+        "process bare.icechunk --workers 2 --scheduler tcp://127.0.0.1:1",
+        2,
+        "--workers and --scheduler exclude each other",
+    ),
+    ("process a scan that is not there", "process maps.icechunk --from 7", 2, "--from 7: there is no such scan"),
+    ("process from a time in words", "process maps.icechunk --from noon", 2, "--from: 'noon' is not a time"),
+    ("process nothing", "process maps.icechunk --from 1 --to 0", 2, "no scan lies between them"),
+    ("ingest of nothing", "ingest new.icechunk", 2, "FILES is missing; see `microrelief ingest --help`"),
+    ("ingest of a file that is not there", "ingest new.icechunk gone.tif", 2, "gone.tif: no such file"),
+    ("ingest of a picture", "ingest new.icechunk plain/0.png", 2, "cannot be read from '.png': give one of .npz"),
+    ("ingest into some folder", "ingest plain result/height.tif", 1, "plain: is no store"),
+    ("ingest of a map without cells", "ingest new.icechunk result/height.tif", 2, "no pixel scale and tie point"),
+    (
+        "ingest with a unit that is none",
+        "ingest new.icechunk cloud.xyz --unit inch --time 2026-11-22T21:00:00Z",
+        2,
+        "length unit 'inch' is not known",
+    ),
+    ("ingest at a time without a zone", "ingest new.icechunk cloud.xyz --time 2026-11-22T21:00", 2, "has no time zone"),
+    (
+        "ingest with a metric that is none",
+        "ingest new.icechunk cloud.xyz --time 2026-11-22T21:00:00Z --metric net_volum",
+        2,
+        "no such metric, did you mean 'net_volume'",
+    ),
+    ("export of some folder", "export plain --scan 0 --out o.tif", 1, "plain: is no store"),
+    ("export of an empty store", "export bare.icechunk --scan 0 --out o.tif", 2, "holds no scan yet"),
+    ("export of no scan", "export maps.icechunk --out o.tif", 2, "--scan is missing: a number or a time"),
+    ("export of a scan that is not there", "export maps.icechunk --scan 7 --out o.tif", 2, "the newest is 1"),
+    ("export as what it cannot be", "export maps.icechunk --scan 0 --out o.docx", 2, "choose one of .npz, .nc"),
+    ("export of a baseline's change", "export maps.icechunk --scan 0 --change --out o.nc", 2, "it has no change"),
+    ("export to nowhere", "export maps.icechunk --scan 0 --out no/o.nc", 2, "folder no does not exist"),
     ("patterns into a full folder", "patterns --out plain", 2, "plain: holds files already"),
     ("a pattern size in one number", "patterns --out o --size 608", 2, "give columns and rows, such as 608x684"),
     ("a demo of one scan", "demo --out o --scans 1", 2, "--scans must be at least 2"),
@@ -337,6 +375,13 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (here / "rig-option.yaml").write_text(CAMPAIGN.replace("camera", "camra"))
     (here / "tab.yaml").write_text(CAMPAIGN.replace("site: {name: Plot}", "site:\n\tname: Plot"))
     create_store(here / "bare.icechunk", site="Plot", grid=Grid(10, 12, 0.1), metrics={"net_volume": "mm3"}).close()
+    (here / "cloud.xyz").write_text("".join(f"{n % 9} {n // 9} {n / 7:.3f}\n" for n in range(81)))
+    with closing(create_store(here / "maps.icechunk", site="Plot", grid=Grid(4, 5, 0.1))) as store:
+        for number in range(2):
+            cells = np.full((4, 5), 0.1 * number, np.float32)
+            level = np.zeros((4, 5), np.uint8)
+            time = np.datetime64(f"2026-11-2{number}T21:00:00", "ns")
+            store.append(Tick(time, Scan(Grid(4, 5, 0.1), time, cells, cells * 0 + 0.01, level, level)))
     return here
 
 

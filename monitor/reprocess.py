@@ -1,0 +1,317 @@
+"""Stored scans worked out again: frames to heights where frames are kept, change, metrics and alarms for all."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from threading import Lock
+
+from configs import Alarm, Campaign, InputError, StoreError, parse_campaign
+from pipelines import AlarmState, Calibration, Event, Grid, Instant, Measurement, Scan
+from storage import Rework, Spread, Store, Stored, open_store
+
+from . import __version__
+from .campaign import campaign_hash, masks_of, read_pattern_set
+from .visit import Finding, Mask, Recipe, alarm_events, compare_with, judged, make_scan, remarks
+
+__all__ = ["Outcome", "Rules", "campaign_of", "process", "rules_of"]
+
+FROM_FRAMES = "from frames"
+NO_FRAMES = "no frames are kept"
+BATCH_CELLS = 4_000_000
+"""A task is as many scans as hold so many cells, at most 16: handing over a small scan costs more than its work."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rules:
+    """What is done with every scan, however it came about: a campaign's recipe without patterns and calibration."""
+
+    grid: Grid
+    stable: Mask = None
+    region: Mask = None
+    metrics: tuple[str, ...] = ()
+    alarms: tuple[Alarm, ...] = ()
+    remove_background: bool = True
+    settings: str = ""
+    """Hash of the campaign's settings."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What was done: how many scans, by how they came about; and since which scan, if earlier work was taken up."""
+
+    tally: Mapping[str, int]
+    first: int
+    last: int
+    resumed_at: int | None = None
+    snapshot: str = ""
+    unchanged: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Job:
+    """What every worker needs to know; `calibration` replaces those that the scans were made with."""
+
+    store: str
+    snapshot: str
+    rules: Rules
+    baseline: Scan | None
+    remake: range
+    calibration: Calibration | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Remade:
+    """One scan worked out again; `outcome` says from what, `failure` why not from its frames."""
+
+    number: int
+    planned: Instant
+    finding: Finding
+    notes: tuple[Event, ...]
+    outcome: str
+    calibration: Calibration | None = None
+
+
+def campaign_of(store: Store) -> Campaign | None:
+    """Read the campaign that a store keeps; None where it was made without one.
+
+    Raises
+    ------
+    ConfigError
+        If it is not one that this version knows.
+    """
+    about = store.about
+    if not about.campaign.strip():
+        return None
+    return parse_campaign(about.campaign, f"{about.location} (its campaign)", Path(about.location).parent)
+
+
+def rules_of(campaign: Campaign | None, store: Store) -> Rules:
+    """Give the rules of a campaign for a store: the metrics of both, so that no column is of other heights.
+
+    Raises
+    ------
+    InputError
+        If the campaign's cells are of another size than the store's, or a polygon holds no cell.
+    """
+    from pipelines.change import METRICS
+
+    grid = store.about.grid
+    if grid is None:
+        raise StoreError(f"{store.about.location}: has no grid")
+    kept = tuple(name for name in store.about.metrics if name in METRICS)
+    if campaign is None:
+        return Rules(grid, metrics=kept, settings=store.about.campaign_hash)
+    pitch = campaign.grid.pitch_mm
+    if pitch is not None and abs(pitch - grid.pitch_mm) > 1e-9:
+        raise InputError(
+            f"grid.pitch_mm is {pitch:g}, but the store has cells of {grid.pitch_mm:g} mm: "
+            "scans are made again on the store's own grid, leave it out"
+        )
+    stable, region = masks_of(campaign, grid)
+    return Rules(
+        grid,
+        stable,
+        region,
+        tuple(dict.fromkeys((*campaign.metrics, *kept))),
+        campaign.alarms,
+        campaign.reconstruct.remove_background,
+        campaign_hash(campaign, read_pattern_set(campaign)),
+    )
+
+
+def process(
+    store: Store,
+    rules: Rules,
+    spread: Spread,
+    *,
+    first: int,
+    last: int,
+    now: Instant,
+    calibration: Calibration | None = None,
+    campaign_text: str = "",
+    step: Callable[[int, int], None] = lambda done, total: None,
+) -> Outcome:
+    """Work scans `first` to `last` out again, and whatever depends on them, and make the results the newest at once.
+
+    A scan whose frames are kept is made again from them, with the calibration that it was made with unless another is
+    given; one without keeps its heights to the bit. Change, metrics and alarms of all follow. Scans after `last` are
+    compared again only where their baseline is new. Results are the same for any number of workers; one committer
+    writes them.
+
+    Parameters
+    ----------
+    store : Store
+        Open to write; read by the workers under its location.
+    rules : Rules
+    spread : Spread
+        Where the work is done, see `storage.engine`.
+    first, last : int
+    now : Instant
+        Time of the note that says what was done.
+    calibration : Calibration, optional
+    campaign_text : str
+        Kept in the store instead of its campaign, where all scans are worked out by it.
+    step : callable
+        Told of (scans done, scans in all).
+    """
+    from pipelines.change import METRICS
+
+    count, calibration_id = len(store), calibration.id if calibration is not None else ""
+    told = (__version__, rules.settings, calibration_id, first, last, campaign_text)
+    key = hashlib.sha256(json.dumps(told).encode()).hexdigest()[:16]
+    rework = store.rework(key, first, {name: METRICS[name].unit for name in rules.metrics})  # type: ignore[attr-defined]
+    if rework is None:
+        return Outcome({}, first, last, snapshot=store.about.snapshot, unchanged=True)
+    resumed_at = rework.next if rework.resumed else None
+    starts, old_events = _chosen_epochs(store), _events_by_time(store)
+    job = Job(store.about.location, store.about.snapshot, rules, None, range(first, last + 1), calibration)
+    while rework.next < count and not (rework.next > last and rework.settled):
+        for remade in _until_epoch(job, rework, spread, starts, count):
+            _write(rework, remade, rules, old_events, remade.number in starts)
+            step(rework.next - first, max(last + 1, rework.next) - first)
+            if remade.number > last and rework.settled:
+                break
+    if rework.next < count:
+        _replay(rework, store[rework.next], rules.alarms, _measured(store, rework.next))
+    return _finish(rework, rules, first, last, now, calibration_id, campaign_text, count, resumed_at)
+
+
+def remake(job: Job, numbers: range) -> list[Remade]:
+    """Work some scans out again; runs in the workers."""
+    with _one_at_a_time:
+        return [_remake(job, _reader(job.store, job.snapshot), number) for number in numbers]
+
+
+_one_at_a_time = Lock()
+"""A cluster's worker may run several tasks in threads of one process; one scan alone uses all the cores that it may."""
+
+
+@lru_cache(maxsize=1)
+def _reader(location: str, snapshot: str) -> Store:
+    store = open_store(location)
+    if store.about.snapshot != snapshot:
+        raise StoreError(f"{location}: is written by another meanwhile: stop that writer, and start again")
+    return store
+
+
+def _remake(job: Job, store: Store, number: int) -> Remade:
+    stored = store[number]
+    scan, used = stored.scan, None
+    notes: tuple[Event, ...] = ()
+    frames = store.frames(number) if number in job.remake else None
+    if frames is None:
+        outcome = NO_FRAMES if number in job.remake else "compared with a new baseline"
+    else:
+        used = job.calibration or store.calibration(scan.calibration_id)
+        recipe = Recipe(frames.patterns, used, job.rules.grid, remove_background=job.rules.remove_background)
+        try:
+            found = remarks(frames)
+            scan, notes, outcome = make_scan(frames, recipe), found, FROM_FRAMES
+        except ValueError as error:  # CaptureError is one
+            outcome = f"frames give no height map ({error})"
+            used = None
+    rules = job.rules
+    finding = compare_with(job.baseline, scan, rules.stable, rules.region, rules.metrics)
+    return Remade(number, stored.planned, finding, notes, outcome, used)
+
+
+def _until_epoch(job: Job, rework: Rework, spread: Spread, starts: set[int], count: int) -> Iterator[Remade]:
+    """Give scans worked out against the baseline of the next one, through the one that starts another epoch."""
+    tail = rework.tail
+    work = replace(job, baseline=rework.baseline())
+    end = job.remake.stop if rework.next < job.remake.stop else count
+    end = min([end, *(number for number in starts if number > rework.next)])
+    size = max(1, min(16, BATCH_CELLS // (job.rules.grid.rows * job.rules.grid.columns)))
+    # an epoch's first scan alone: the others wait for it
+    alone = rework.next in starts or tail.count == 0
+    stop = rework.next + 1 if alone else end
+    batches = [range(start, min(start + size, stop)) for start in range(rework.next, stop, size)]
+    results = spread(remake, work, batches)
+    try:
+        for batch in results:
+            for remade in batch:
+                yield remade
+                if remade.number in starts or remade.finding.scan.calibration_id != tail.calibration_id:
+                    return
+    finally:
+        close = getattr(results, "close", None)
+        if close is not None:
+            close()
+
+
+def _write(rework: Rework, remade: Remade, rules: Rules, old: Mapping[int, tuple[Event, ...]], chosen: bool) -> None:
+    scan, notes = remade.finding.scan, remade.notes
+    before = old.get(int(scan.time.astype("int64")), ())
+    remade_heights = remade.outcome == FROM_FRAMES
+    if not remade_heights:
+        notes = tuple(event for event in before if event.kind == "note" and event.text.startswith("capture: "))
+        if remade.outcome.startswith("frames give"):
+            notes = (*notes, Event(scan.time, "note", f"processed again: heights kept, {remade.outcome}"))
+    if chosen:
+        notes = (*(event for event in before if event.kind == "epoch"), *notes)
+    finding = Finding(scan) if chosen else remade.finding
+    tick = judged(finding, rules.alarms, rework.alarms(), remade.planned, notes).tick
+    tick = replace(tick, calibration=remade.calibration)
+    outcome = (
+        remade.outcome if remade_heights or not remade.outcome.startswith("frames") else "frames give no height map"
+    )
+    rework.write(tick, keep_heights=not remade_heights, outcome=outcome)
+
+
+def _replay(rework: Rework, stored: Stored, alarms: tuple[Alarm, ...], metrics: Mapping[str, Measurement]) -> None:
+    """Say again how the alarms changed at the first scan that stays as it is."""
+    states: dict[str, AlarmState] = dict(stored.alarms)
+    known = tuple(alarm for alarm in alarms if alarm.name in states)
+    before = rework.alarms() if stored.change is not None else states
+    rework.replay(stored.scan.time, alarm_events(known, states, before, metrics, stored.scan.time))
+
+
+def _measured(store: Store, number: int) -> dict[str, Measurement]:
+    row = store.series().iloc[number]
+    return {name: Measurement(float(row[name]), float(row[f"{name}_sigma"])) for name in store.about.metrics}
+
+
+def _finish(
+    rework: Rework,
+    rules: Rules,
+    first: int,
+    last: int,
+    now: Instant,
+    calibration_id: str,
+    campaign_text: str,
+    count: int,
+    resumed_at: int | None,
+) -> Outcome:
+    parts = ", ".join(f"{number} {outcome}" for outcome, number in rework.tally.items())
+    text = f"scans {first} to {last} processed again by microrelief {__version__}, settings {rules.settings or 'none'}"
+    text += f", calibration {calibration_id}" if calibration_id else ""
+    attributes = {}
+    if campaign_text and first == 0 and last == count - 1:
+        attributes = {"campaign": campaign_text, "campaign_hash": rules.settings}
+    tally = dict(rework.tally)
+    snapshot = rework.finish(Event(now, "note", f"{text}: {parts}"), attributes)
+    return Outcome(tally, first, last, resumed_at, snapshot)
+
+
+def _chosen_epochs(store: Store) -> set[int]:
+    """Give the scans that somebody chose as a new baseline: an epoch begins there under the same calibration."""
+    chosen = set()
+    window = store.window()
+    epochs, calibrations = window["epoch"].values, window["calibration"].values
+    for number in range(1, len(epochs)):
+        if epochs[number] != epochs[number - 1] and calibrations[number] == calibrations[number - 1]:
+            chosen.add(number)
+    return chosen
+
+
+def _events_by_time(store: Store) -> dict[int, tuple[Event, ...]]:
+    found: dict[int, list[Event]] = defaultdict(list)
+    for event in store.events:
+        found[int(event.time.astype("int64"))].append(event)
+    return {time: tuple(events) for time, events in found.items()}
