@@ -18,6 +18,7 @@ from .light import ROUNDING, frame_indices, frame_of, read_light
 from .patterns import AXES, Axis, PatternSet
 from .phase import decode_phase
 from .pixel_maps import Decoded
+from .stray_light import refuse_strays
 from .stripes import decode_stripes
 from .surface_light import show_light
 
@@ -33,7 +34,9 @@ def decode(
     minus inverse (without inverses: twice the pattern minus white and black) exceeds `relative` of white minus
     black and three standard deviations of its noise. One bit may be uncertain where flipping it leads to the cell
     next door: that is the edge it lies on. Where the finest stripes of a Gray code are not resolved, in tiles of 16
-    pixels of which more than half are not certain of them, the next coarser ones are used, and `level` says so.
+    pixels of which more than half are not certain of them, the next coarser ones are used, and `level` says so. There
+    the coarser patterns must be strong (light from elsewhere weakens them, a lens does not), and surfaces that jump
+    wherever they meet finer cells are refused (`stray_light.refuse_strays`: shadow that is lit by a wall).
     Of stripes and phase sets places are found to sub-pixel at once (`stripes.decode_stripes`, `phase.decode_phase`).
 
     Parameters
@@ -117,9 +120,10 @@ def _cells(given: _Pass, rows: int, columns: int, into: Cells | None) -> Cells:
         given.stack, white, black, plus, minus, bits, share, limits, numbers, *steps, contrast.reshape(-1), suspects
     )
     stack = given.stack.reshape(-1, rows, columns)
+    coarse = 0
     for n, step in enumerate(steps):
         if bits[n] > 1:
-            fall_back(
+            coarse += fall_back(
                 stack,
                 white,
                 black,
@@ -132,6 +136,8 @@ def _cells(given: _Pass, rows: int, columns: int, into: Cells | None) -> Cells:
                 suspects[n].view(np.uint64),
                 step,
             )
+    if coarse:
+        refuse_strays(*steps)
     return Cells(steps, (axes[0], axes[1]), given.noise, given.texture(rows, columns), contrast)
 
 

@@ -12,8 +12,10 @@ from .decode import decode
 from .edge_kernels import REACH, Pictures, along_columns, along_rows
 from .frames import Frames
 from .light import ROUNDING, Light, frame_indices, frame_of, read_light
+from .patterns import AXES
 from .pixel_maps import Decoded
 from .slabs import in_slabs
+from .threshold import edge_levels
 
 __all__ = ["locate", "refine"]
 
@@ -41,6 +43,10 @@ def refine(frames: Frames, decoded: Decoded) -> Decoded:
     flips there crosses zero, to a fraction of a camera pixel; between them the position is linear. Pixels without an
     edge on both sides keep the middle of their cell and its sigma. Stripes and phase sets are placed by `decode`
     already and left alone.
+
+    White stripes look wider than black ones through gamma and blur. Pattern minus inverse does not know it: at the end
+    of a stripe both are as bright, whatever the curve. Without inverses the level of the edges is measured
+    (`threshold.edge_levels`).
 
     Parameters
     ----------
@@ -82,6 +88,7 @@ def _between_edges(
     """Fill the positions and sigmas of one axis."""
     patterns, steps = frames.patterns, decoded.steps[axis]
     _, plus, minus = frame_indices(patterns)
+    tilt = light.tilt[axis] if patterns.complementary else edge_levels(frames, AXES[axis], cells, steps)
     none = cells.flips < 0
     centre = cells.centres()
     down, density = _growth(steps, centre)
@@ -94,7 +101,7 @@ def _between_edges(
         black=frame_of(patterns, "black"),
         plus=np.where(none, -1, plus[axis][cells.flips]).astype(np.int32),
         minus=np.where(none, -1, minus[axis][cells.flips]).astype(np.int32),
-        tilt=(scale * light.tilt[axis])[cells.flips].astype(np.float32),
+        tilt=(scale * tilt)[cells.flips].astype(np.float32),
         edge=cells.edge,
         centre=centre,
         width=cells.widths(),
