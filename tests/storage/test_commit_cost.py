@@ -78,7 +78,7 @@ def _tell(rows: list[tuple[int, float, float, float, float]]) -> None:
 
 
 def test_a_commit_stays_small(tmp_path: Path) -> None:
-    rows = _growth(tmp_path / "s", 70, 12)
+    rows = _growth(tmp_path / "s", 150, 20)
     _tell(rows)
     assert rows[-1][2] < 1.5 * rows[0][2], "bytes of a commit, beside chunks of their own"
 

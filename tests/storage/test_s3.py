@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +18,26 @@ import numpy as np
 import pytest
 
 from configs import StoreError
-from storage import Store, create_store, open_store, store_exists, writer_of
+from storage import (
+    Store,
+    cite,
+    collect,
+    copy_store,
+    create_store,
+    expire,
+    open_store,
+    snapshots,
+    statistics,
+    store_exists,
+    verify,
+    writer_of,
+)
 from storage import lease as lease_module
 from storage.bucket import Bucket
 
 from .. import s3_servers
 from .test_recovery import ROOT, WRITER, check_whole
-from .ticks import GRID, METRICS, failure, surface, tick
+from .ticks import GRID, METRICS, START, failure, surface, tick
 
 
 def _made(url: str, scans: int = 0) -> Store:
@@ -59,6 +73,34 @@ def test_the_same_store_at_a_url(s3_prefix: str) -> None:
     format_1 = {"chunks", "config.yaml", "manifests", "refs", "snapshots", "transactions"}
     assert {key.split(".icechunk/")[-1].split("/")[0] for key in objects if ".lock" not in key} <= format_1
     assert [key for key in objects if "probe" in key] == []
+
+
+def test_care_of_a_store_at_a_url(s3_prefix: str, tmp_path: Path) -> None:
+    url = f"{s3_prefix}/site.icechunk"
+    writer = _made(url)
+    assert writer.append_all([tick(0), tick(1), tick(2)]) == (0, 1, 2)
+    with pytest.raises(StoreError, match=r"written by|writes|holds"):
+        expire(url, datetime.now(UTC))
+    writer.close()
+    for number in (3, 4):
+        writer = open_store(url, write=True)
+        writer.append(tick(number))
+        writer.close()
+    told = statistics(url, START)
+    assert (told.scans, told.free, told.disk_full) == (5, None, None)
+    assert told.bytes > 0
+    assert not verify(url).damaged
+    first = list(snapshots(url))[-1].id
+    cite(url, first)
+    assert expire(url, datetime.now(UTC)) > 0
+    collect(url, datetime.now(UTC))
+    assert not verify(url).damaged
+    assert len(open_store(url, snapshot=first)) == 0, "what a report cites is kept"
+    assert copy_store(url, tmp_path / "copy") == 5
+    np.testing.assert_array_equal(open_store(tmp_path / "copy")[4].scan.texture, surface(4).texture)
+    for source, target, history in ((url, f"{s3_prefix}/copy", False), (url, tmp_path / "whole", True)):
+        with pytest.raises(StoreError, match=r"a copy goes to a folder|history cannot be copied"):
+            copy_store(source, target, history=history)
 
 
 def test_credentials_are_in_no_object_and_no_pickle(s3_prefix: str, monkeypatch: pytest.MonkeyPatch) -> None:
