@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -37,7 +38,9 @@ def instrument(path: Path) -> Raster:
         If the extra is not installed.
     """
     try:
-        from SurfaceTopography.IO import open_topography
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ImportWarning)  # it would like mpi4py, which a reader does not need
+            from SurfaceTopography.IO import open_topography
     except ImportError:
         raise MicroreliefError(f"{path}: instrument files need  pip install 'microrelief[instrument-files]'") from None
     try:

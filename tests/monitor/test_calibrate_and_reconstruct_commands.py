@@ -51,7 +51,9 @@ def test_calibrate_writes_what_reconstruct_reads(
         seen = np.isfinite(points["sigma_z"])
         assert (seen == np.isfinite(points["xyz"][..., 2])).all()
         assert seen.mean() > 0.9
-        assert set(np.unique(points["level"][seen])) == {0}
+        # where the finest stripes are not resolved, in a few tiles, coarser ones stand in
+        assert (points["level"][seen] == 0).mean() > 0.99
+        assert points["level"][seen].max() <= 3
         known = np.load(data / "t0" / "truth_camera.npz")
         both = seen & known["lit"].astype(bool)
         assert np.median(np.abs(points["projector"][..., 0] - known["proj_col"])[both]) < 0.1

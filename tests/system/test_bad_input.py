@@ -228,7 +228,12 @@ REFUSED = [
         2,
         "gone.npz: no such capture folder or height",
     ),
-    ("a comparison with text", "compare h0.npz text.txt --out o.npz", 2, "text.txt: a height map cannot be read from"),
+    (
+        "a comparison with text",
+        "compare h0.npz text.txt --out o.npz",
+        2,
+        "text.txt: is no instrument file that can be read",
+    ),
     ("a comparison into a picture", "compare h0.npz h1.npz --out o.tif", 2, "a comparison is an .npz file"),
     ("a method that is none", "compare h0.npz h1.npz --method icp --out o.npz", 2, "icp"),
     ("a radius in metres", "compare h0.npz h1.npz --radius 1e-4 --out o.npz", 2, "--radius 0.0001: must be more than"),
