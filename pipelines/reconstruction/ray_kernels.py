@@ -6,12 +6,11 @@ import numba as nb
 import numpy as np
 
 from ..scan import LEVEL_NONE
+from .ray_tables import MARGIN_PX, SLACK_PX
 
-__all__ = ["BLOCK", "MARGIN_PX", "map_points", "plane_points"]
+__all__ = ["BLOCK", "map_points", "plane_points"]
 
-MARGIN_PX = 2  # the projector's table reaches this far beyond its edge: sub-pixel positions may too
 BLOCK = 256  # pixels that are worked on at once
-SLACK_PX = 1.0  # what calibration and blur may leave between two rays, in projector px, beside the decoding's sigma
 
 
 @nb.njit(cache=True, nogil=True, inline="always")

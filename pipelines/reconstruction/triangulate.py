@@ -1,10 +1,8 @@
-"""Projector positions to 3D points: camera-ray and projector tables once per calibration, one fused pass per scan."""
+"""Projector positions to 3D points: one fused pass per scan."""
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,9 +10,9 @@ import numpy.typing as npt
 
 from .clean_kernels import take_points
 from .height_doubt import add_rows, doubt_mm, with_doubt
-from .pinhole import undistort
 from .pixel_maps import Decoded, PointMap
-from .ray_kernels import MARGIN_PX, map_points, plane_points
+from .ray_kernels import map_points, plane_points
+from .ray_tables import LEAST_PARALLAX, ray_tables
 from .rig_model import Calibration
 from .slabs import in_slabs
 from .triangulate_parallel import triangulate_parallel
@@ -22,20 +20,6 @@ from .triangulate_parallel import triangulate_parallel
 __all__ = ["triangulate", "triangulate_bands"]
 
 Planes = npt.NDArray[np.float32]
-
-LEAST_PARALLAX = 0.5  # of both axes' together: an axis with less, left alone, says next to nothing of the depth
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Tables:
-    rays: npt.NDArray[np.float32]
-    """(row, column, 2): x/z and y/z of each camera pixel, distortion taken out."""
-    lit: npt.NDArray[np.float32]
-    """(row, column, 2): the same of each projector pixel, from -MARGIN_PX on."""
-
-
-_cache: OrderedDict[str, _Tables] = OrderedDict()
-_KEPT = 3
 
 
 def triangulate(decoded: Decoded, calibration: Calibration) -> PointMap:
@@ -110,13 +94,7 @@ def triangulate_bands(decoded: Decoded, calibration: Calibration) -> Callable[[i
 
 def _kernel_input(decoded: Decoded, calibration: Calibration) -> tuple[tuple[Planes, ...], tuple[Any, ...]]:
     """Arrays with a row per image row, and what is the same for all rows."""
-    columns, rows = calibration.camera.size
-    if decoded.column.shape != (rows, columns):
-        raise ValueError(
-            f"images of {decoded.column.shape[1]}x{decoded.column.shape[0]}, but the calibration is for "
-            f"{columns}x{rows}: use the camera settings of the calibration, or calibrate again"
-        )
-    tables = _tables(calibration)
+    tables = ray_tables(decoded, calibration)
     P = calibration.projector
     lens = np.array([P.K[0, 0], P.K[1, 1], P.K[0, 2], P.K[1, 2], *P.dist])
     least = LEAST_PARALLAX if _any_known(decoded.column) and _any_known(decoded.row) else 0.0
@@ -126,28 +104,3 @@ def _kernel_input(decoded: Decoded, calibration: Calibration) -> tuple[tuple[Pla
 
 def _any_known(place: npt.NDArray[np.float32]) -> bool:
     return any(not np.isnan(line).all() for line in place)  # most often the first line answers
-
-
-def _tables(calibration: Calibration) -> _Tables:
-    key = calibration.id
-    if key in _cache:
-        _cache.move_to_end(key)
-        return _cache[key]
-    rays = _undistorted(calibration.camera.size, calibration, 0)
-    made = _Tables(rays, _undistorted(calibration.projector.size, calibration, MARGIN_PX))
-    _cache[key] = made
-    while len(_cache) > _KEPT:
-        _cache.popitem(last=False)
-    return made
-
-
-def _undistorted(size: tuple[int, int], calibration: Calibration, margin: int) -> npt.NDArray[np.float32]:
-    lens = calibration.projector if margin else calibration.camera
-    columns = np.arange(-margin, size[0] + margin, dtype=np.float64)
-    table = np.empty((size[1] + 2 * margin, len(columns), 2), np.float32)
-    block = max(1, 200_000 // len(columns))
-    for first in range(0, len(table), block):  # in blocks: the intermediates stay in the processor's cache
-        rows = np.arange(first, min(first + block, len(table))) - float(margin)
-        pixels = np.stack(np.meshgrid(columns, rows), axis=-1)
-        table[first : first + block] = undistort(lens, pixels)
-    return table

@@ -6,31 +6,20 @@ z; an affine projector's column is a plane of space, ``a . X + b = column``: its
 
 from __future__ import annotations
 
-from collections import OrderedDict
-
 import numba as nb
 import numpy as np
-import numpy.typing as npt
 
 from ..scan import LEVEL_NONE
 from .height_doubt import with_doubt
-from .pinhole import undistort
 from .pixel_maps import Decoded, PointMap
-from .rig_model import Calibration, Lens
+from .ray_tables import LEAST_PARALLAX, MARGIN_PX, SLACK_PX, ray_tables
+from .rig_model import Calibration
 from .sight import projector_rows
 from .slabs import in_slabs
 
 __all__ = ["triangulate_parallel"]
 
-MARGIN_PX = 2  # the projector's table reaches this far beyond its edge: sub-pixel positions may too
-LEAST_PARALLAX = 0.5  # of both axes' together, as in `triangulate`
-SLACK_PX = 1.0  # what calibration and blur may leave between two rays, projector px, as in `triangulate`
 TURNS = 4  # a missing axis is taken from where the ray falls: so often
-
-Table = npt.NDArray[np.float32]
-
-_cache: OrderedDict[str, tuple[Table, Table]] = OrderedDict()
-_KEPT = 3
 
 
 def triangulate_parallel(decoded: Decoded, calibration: Calibration) -> PointMap:
@@ -47,8 +36,13 @@ def triangulate_parallel(decoded: Decoded, calibration: Calibration) -> PointMap
     PointMap
         As `triangulate` gives it. For an affine camera z counts from where its axis meets the reference plane, and
         may be negative: nearer than that.
+
+    Raises
+    ------
+    ValueError
+        If the images' size is not the one that was calibrated.
     """
-    rays, lit = _tables(calibration)
+    tables = ray_tables(decoded, calibration)
     rows, columns = decoded.column.shape
     xyz, projector = np.empty((rows, columns, 3), np.float32), np.empty((rows, columns, 2), np.float32)
     sigma_z, level = np.empty((rows, columns), np.float32), np.empty((rows, columns), np.uint8)
@@ -66,8 +60,8 @@ def triangulate_parallel(decoded: Decoded, calibration: Calibration) -> PointMap
             decoded.sigma_column[first:last].reshape(-1),
             decoded.sigma_row[first:last].reshape(-1),
             decoded.level[first:last].reshape(-1),
-            rays[first:last].reshape(-1, 2),
-            lit,
+            tables.rays[first:last].reshape(-1, 2),
+            tables.lit,
             R,
             t,
             lens,
@@ -82,27 +76,6 @@ def triangulate_parallel(decoded: Decoded, calibration: Calibration) -> PointMap
 
     in_slabs(rows, slab)
     return with_doubt(PointMap(xyz, sigma_z, projector, level, decoded.texture), calibration)
-
-
-def _tables(calibration: Calibration) -> tuple[Table, Table]:
-    """Undistorted coordinates of each camera pixel, and of each projector pixel with a margin; made once."""
-    key = calibration.id
-    if key not in _cache:
-        _cache[key] = _undistorted(calibration.camera, 0), _undistorted(calibration.projector, MARGIN_PX)
-        while len(_cache) > _KEPT:
-            _cache.popitem(last=False)
-    _cache.move_to_end(key)
-    return _cache[key]
-
-
-def _undistorted(lens: Lens, margin: int) -> Table:
-    columns = np.arange(-margin, lens.size[0] + margin, dtype=np.float64)
-    table = np.empty((lens.size[1] + 2 * margin, len(columns), 2), np.float32)
-    block = max(1, 200_000 // len(columns))
-    for first in range(0, len(table), block):  # in blocks: the intermediates stay in the processor's cache
-        rows = np.arange(first, min(first + block, len(table))) - float(margin)
-        table[first : first + block] = undistort(lens, np.stack(np.meshgrid(columns, rows), axis=-1))
-    return table
 
 
 @nb.njit(cache=True, nogil=True, inline="always")

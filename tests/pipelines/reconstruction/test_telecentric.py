@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 
 from pipelines import Grid, parse_instant
-from pipelines.reconstruction import Calibration, describe_calibration, footprint_grid, to_scan, triangulate
+from pipelines.reconstruction import (
+    Calibration,
+    describe_calibration,
+    footprint_grid,
+    scan_decoded,
+    to_scan,
+    triangulate,
+)
 from pipelines.reconstruction.pinhole import Floats
 from pipelines.reconstruction.solve import solve
 
@@ -176,3 +183,16 @@ def test_the_whole_way_to_a_height_map(camera: float, projector: float) -> None:
     chi = float(np.sqrt((ratio**2).mean()))
     print(f"{camera}, {projector}: height error {1000 * np.nanstd(error):.2f} um, over sigma {chi:.2f}")
     assert chi == pytest.approx(1, abs=0.3)
+
+
+def test_images_of_another_size_are_refused() -> None:
+    rig = make_rig()
+    decoded, _ = see(rig, bumps, 0.0)
+    columns, rows = rig.camera.size
+    taller = replace(rig, camera=replace(rig.camera, size=(columns, rows + 8)))
+    with pytest.raises(
+        ValueError, match=f"images of {columns}x{rows}, but the calibration is for {columns}x{rows + 8}"
+    ):
+        triangulate(decoded, taller)
+    with pytest.raises(ValueError, match="images of"):
+        scan_decoded(decoded, taller, Grid(10, 10, 0.1, 0.0, 0.0), parse_instant("2026-01-01T00:00:00Z"))
