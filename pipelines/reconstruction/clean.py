@@ -1,15 +1,15 @@
-"""What does not belong to the surface: mixed pixels, uncertain and lone points, a background that stands apart."""
+"""What does not belong to the surface: mixed pixels, and a background that stands apart."""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
 
-from .clean_kernels import drop_mixed, keep_dense, take_points
+from .clean_kernels import drop_mixed, take_points
 from .pixel_maps import PointMap
 from .slabs import in_slabs
 
-__all__ = ["background_border", "reject_mixed", "remove_lone"]
+__all__ = ["background_border", "reject_mixed"]
 
 Mask = npt.NDArray[np.bool_]
 
@@ -47,35 +47,6 @@ def reject_mixed(points: PointMap) -> Mask:
 
     in_slabs(len(mixed), slab, step=BAND)
     return mixed.view(np.bool_)
-
-
-def remove_lone(points: PointMap, worst: float = np.inf) -> Mask:
-    """Tell which measured pixels have neighbours on the same surface.
-
-    Parameters
-    ----------
-    points : PointMap
-    worst : float
-        Points with a larger sigma, mm, count as not measured.
-
-    Returns
-    -------
-    ndarray of bool, shape (row, column)
-        True where the point is kept.
-    """
-    columns = points.sigma_z.shape[1]
-    keep = np.zeros(points.sigma_z.shape, np.bool_)
-
-    def slab(first: int, last: int) -> None:
-        low, high = max(first - HALO, 0), min(last + HALO, len(keep))
-        planes = np.empty((4, high - low, columns), np.float32)
-        take_points(points.xyz[low:high], points.sigma_z[low:high], planes)
-        kept = np.empty((high - low, columns), np.bool_)
-        keep_dense(planes, worst, kept, first - low, last - low)
-        keep[first:last] = kept[first - low : last - low]
-
-    in_slabs(len(keep), slab, step=BAND)
-    return keep
 
 
 def background_border(some: npt.NDArray[np.float32]) -> float:

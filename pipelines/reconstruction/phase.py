@@ -17,12 +17,12 @@ import numpy.typing as npt
 from ..scan import LEVEL_NONE
 from .codebook import order_planes
 from .frames import Frames
+from .light import frame_of
 from .patterns import AXES, Axis
 from .phase_kernels import locate_phases
 from .pixel_maps import Decoded
 from .settle import keep_surfaces
 from .slabs import in_slabs
-from .surface_light import white_and_black
 
 __all__ = ["PhaseModel", "decode_phase", "learn_phase"]
 
@@ -99,7 +99,7 @@ def decode_phase(frames: Frames, noise: float, into: Decoded) -> None:
 def _along(frames: Frames, axis: Axis, noise: float, place: F32, sigma: F32) -> None:
     patterns = frames.patterns
     stack = np.ascontiguousarray(frames.stack)
-    white, black = white_and_black(frames)
+    white, black = (frame_of(frames.patterns, what) for what in ("white", "black"))
     number = AXES.index(axis)
     bits = patterns.bits[number]
     plus, minus = np.full((2, bits), -1, np.int64)
@@ -190,7 +190,7 @@ def _lines(frames: Frames, axis: Axis, noise: float, down: bool) -> tuple[F64, M
 
     And which pixels are lit and not saturated in any frame, and those of them that are not dark.
     """
-    white, black = white_and_black(frames)
+    white, black = (frame_of(frames.patterns, what) for what in ("white", "black"))
     chosen = frames.stack[[white, black, *_steps(frames, axis)]]
     chosen = chosen.transpose(0, 2, 1) if down else chosen
     lines = np.unique(np.linspace(0, chosen.shape[1] - 1, LINES).astype(np.int64))

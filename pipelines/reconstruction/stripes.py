@@ -16,13 +16,13 @@ import numpy.typing as npt
 
 from ..scan import LEVEL_NONE
 from .frames import Frames
+from .light import frame_of
 from .patterns import AXES, Axis
 from .pixel_maps import Decoded
 from .settle import keep_surfaces, rise_px
 from .slabs import in_slabs
 from .stripe_kernels import locate_pixels, reject_washed, tile_power
 from .stripe_model import SwingModel, apart, swing_model
-from .surface_light import white_and_black
 
 __all__ = ["decode_stripes"]
 
@@ -105,7 +105,7 @@ class _Job:
         bits = self.model.bits
         self.stack = np.ascontiguousarray(frames.stack)
         self.plus, self.minus = np.full((2, bits), -1, np.int64)
-        self.white, self.black = white_and_black(frames)
+        self.white, self.black = (frame_of(frames.patterns, what) for what in ("white", "black"))
         for number, role in enumerate(patterns.roles):
             if role.axis == axis:
                 (self.minus if role.inverted else self.plus)[role.index] = number
