@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from configs import CaptureError, InputError
-from pipelines import Calibration, Frames, Grid, PatternSet, Scan, instant
+from pipelines import Calibration, Frames, PatternSet, PointMap, Scan, instant
 from pipelines import reconstruction as rec
 from storage import holds_points, read_capture, read_height_map, read_points
 
 from .progress import progress
 
-__all__ = ["Surface", "noise_sigma_mm", "read_surfaces"]
+__all__ = ["Surface", "measure_points", "noise_sigma_mm", "read_surfaces"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,16 +77,26 @@ def _read(path: Path, rig: Calibration | None, patterns: PatternSet | None, pitc
     if path.is_dir():
         if rig is None:
             raise InputError(f"{path}: is a capture, it needs the calibration.json of its rig: --calibration FILE")
-        return _of_frames(path, read_capture(path, patterns), rig, pitch_mm)
+        frames = read_capture(path, patterns)
+        return rec.to_scan(measure_points(path, frames, rig), rig, rec.footprint_grid(rig, pitch_mm), frames.time)
     if holds_points(path):
         if rig is None:
             raise InputError(f"{path}: holds points, it needs the calibration.json of its rig: --calibration FILE")
         time = instant(datetime.fromtimestamp(path.stat().st_mtime, UTC))
-        return rec.to_scan(read_points(path), rig, _grid(rig, pitch_mm), time)
+        return rec.to_scan(read_points(path), rig, rec.footprint_grid(rig, pitch_mm), time)
     return read_height_map(path)
 
 
-def _of_frames(path: Path, frames: Frames, rig: Calibration, pitch_mm: float | None) -> Scan:
+def measure_points(path: Path, frames: Frames, rig: Calibration) -> PointMap:
+    """Reconstruct the capture that was read from a folder.
+
+    Raises
+    ------
+    InputError
+        If the frames are not of this rig.
+    CaptureError
+        If not one pixel was measured.
+    """
     try:
         points = rec.reconstruct(frames, rig)
     except ValueError as error:
@@ -95,8 +105,4 @@ def _of_frames(path: Path, frames: Frames, rig: Calibration, pitch_mm: float | N
         raise CaptureError(
             f"{path}: not one pixel could be measured: is the exposure right, and are these the right patterns?"
         )
-    return rec.to_scan(points, rig, _grid(rig, pitch_mm), frames.time)
-
-
-def _grid(rig: Calibration, pitch_mm: float | None) -> Grid:
-    return rec.footprint_grid(rig, pitch_mm)
+    return points

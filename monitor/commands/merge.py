@@ -14,10 +14,11 @@ from pipelines import Calibration, Motion
 from pipelines import reconstruction as rec
 from storage import read_patterns, read_stage
 
+from ..outputs import check_out
 from ..progress import progress
 from ..surfaces import Surface, read_surfaces
 from ..views import Aligned, align, pose_matrix
-from .mosaic import check_out, write_merged
+from .mosaic import write_merged
 from .reconstruct import read_calibration
 
 __all__ = ["merge"]

@@ -15,17 +15,17 @@ from pipelines import Scan
 from pipelines import reconstruction as rec
 from storage import StageFile, read_patterns, read_stage
 
+from ..outputs import check_out
 from ..progress import progress
 from ..stitching import ORIENTATIONS, LonelyTileError, Stitched, stitch
 from ..surfaces import Surface, read_surfaces
 from .reconstruct import read_calibration
 
-__all__ = ["check_out", "mosaic"]
+__all__ = ["mosaic", "write_merged"]
 
 STAGE_SIGMA_MM = 0.05
 FADE = 32
 """Cells over which a tile fades at its border."""
-HEIGHTS = (".npz", ".nc", ".tif", ".tiff", ".ply")
 MOST_CELLS = 200_000_000
 
 
@@ -99,24 +99,6 @@ def mosaic(
     ]
     merged = rec.merge(views, whole)
     write_merged(merged, out)
-
-
-def check_out(out: Path, pitch_mm: float | None) -> None:
-    """Refuse a result that cannot be written, before the work.
-
-    Raises
-    ------
-    InputError
-        The suffix is none of a height map, the folder is not there, or the pitch is no positive number.
-    """
-    if out.suffix.lower() not in HEIGHTS:
-        raise InputError(f"--out {out}: unknown suffix {out.suffix!r}: use .npz, .nc, .tif or .ply")
-    if not out.parent.is_dir():
-        raise InputError(f"--out {out}: there is no folder {out.parent}")
-    if out.is_dir():
-        raise InputError(f"--out {out}: is a folder, name a file")
-    if pitch_mm is not None and not (np.isfinite(pitch_mm) and pitch_mm > 0):
-        raise InputError(f"--pitch-mm {pitch_mm}: must be a positive number")
 
 
 def write_merged(merged: rec.Merged, out: Path) -> None:

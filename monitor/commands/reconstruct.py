@@ -14,10 +14,12 @@ from pipelines import Calibration, Frames, PointMap, Scan
 from pipelines import reconstruction as rec
 from storage import read_capture, read_patterns
 
+from ..outputs import check_out
+from ..surfaces import measure_points
+
 __all__ = ["read_calibration", "reconstruct"]
 
-POINTS = (".npz",)
-HEIGHTS = (".nc", ".ply", ".tif", ".tiff")
+POINTS = ".npz"
 MOST_CELLS_PER_PIXEL = 25
 
 
@@ -58,30 +60,15 @@ def reconstruct(
     -------
     microrelief reconstruct captures/0001 --calibration calibration.json --out soil.nc
     """
-    suffix = out.suffix.lower()
-    if suffix not in POINTS + HEIGHTS:
-        raise InputError(f"--out {out}: unknown suffix {suffix!r}: use .npz, .nc, .tif or .ply")
-    if not out.parent.is_dir():
-        raise InputError(f"--out {out}: there is no folder {out.parent}")
-    if out.is_dir():
-        raise InputError(f"--out {out}: is a folder, name a file")
-    if pitch_mm is not None and not (np.isfinite(pitch_mm) and pitch_mm > 0):
-        raise InputError(f"--pitch-mm {pitch_mm}: must be a positive number")
+    check_out(out, pitch_mm)
     rig = read_calibration(calibration)
     frames = read_capture(capture, read_patterns(patterns) if patterns is not None else None)
     unfit = _judged(frames, capture, force=force)
-    try:
-        points = rec.reconstruct(frames, rig)
-    except ValueError as error:
-        raise InputError(f"{capture}: {error}") from error
-    if not points.valid.any():
-        raise CaptureError(
-            f"{capture}: not one pixel could be measured: is the exposure right, and are these the right patterns?"
-        )
+    points = measure_points(capture, frames, rig)
     if unfit:
         raise CaptureError(unfit)
     print(_about_points(points))
-    if suffix in POINTS:
+    if out.suffix.lower() == POINTS:
         from storage import write_points
 
         write_points(points, out)
