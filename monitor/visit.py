@@ -206,7 +206,8 @@ def remarks(frames: Frames) -> tuple[Event, ...]:
     found = diagnose(frames)
     if found.verdict == "reject":
         raise CaptureError(f"capture rejected: {found.findings[0].line}")
-    return tuple(Event(frames.time, "note", f"capture: {finding.line}") for finding in found.findings)
+    lines = (*frames.remarks, *(finding.line for finding in found.findings))
+    return tuple(Event(frames.time, "note", f"capture: {line}") for line in lines)
 
 
 def failed_tick(planned: Instant, at: Instant, kind: Literal["failed", "rejected", "missed"], text: str) -> Tick:

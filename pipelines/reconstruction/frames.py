@@ -26,12 +26,15 @@ class Frames:
     patterns : PatternSet
     exposure_ms : float
         NaN where unknown.
+    remarks : tuple of str
+        What the rig had to do to get them, such as a frame that was taken again; a line each.
     """
 
     stack: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
     time: Instant
     patterns: PatternSet
     exposure_ms: float = float("nan")
+    remarks: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         check_instant(self.time, "capture time")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,8 @@ from configs import CaptureError, InputError
 from monitor.rigs import RIGS, Rig, make_rig, rig_options
 from pipelines import Frames, PatternSet, parse_instant
 from storage import write_capture
+
+from .peers import emulated_basler, virtual_screen
 
 PATTERNS = PatternSet("gray", (608, 684), bits=(3, 2))
 NOW = parse_instant("2026-11-22T21:00:00Z")
@@ -31,7 +33,13 @@ def replay_options(folder: Path) -> Mapping[str, Any]:
     return {"folder": str(folder)}
 
 
-OPTIONS: dict[str, Callable[[Path], Mapping[str, Any]]] = {"simulated": simulated_options, "replay": replay_options}
+def seen_by_the_devices() -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
+    stack = np.full((len(PATTERNS.roles), 24, 32), 30, np.uint8)
+    stack[0] += 100
+    return stack
+
+
+MEMBERS = {"simulated", "replay", "devices"}
 
 
 @pytest.fixture(params=list(RIGS))
@@ -40,8 +48,13 @@ def name(request: pytest.FixtureRequest) -> str:
 
 
 @pytest.fixture
-def options(name: str, tmp_path: Path) -> Mapping[str, Any]:
-    return OPTIONS[name](tmp_path)
+def options(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Mapping[str, Any]]:
+    if name == "devices":  # pylon's emulation of a camera, and a window on a virtual screen
+        with virtual_screen(608, 684, monkeypatch):
+            camera = emulated_basler(tmp_path / "images", seen_by_the_devices())
+            yield {"camera": camera, "projector": {"kind": "screen", "driver": "x11"}}
+    else:
+        yield simulated_options(tmp_path) if name == "simulated" else replay_options(tmp_path)
 
 
 @pytest.fixture
@@ -50,7 +63,7 @@ def rig(name: str, options: Mapping[str, Any]) -> Rig:
 
 
 def test_every_rig_is_in_this_suite() -> None:
-    assert set(OPTIONS) == set(RIGS)
+    assert set(RIGS) == MEMBERS
 
 
 def test_keeps_the_protocol(rig: Rig) -> None:
@@ -115,5 +128,5 @@ def test_unknown_option_names_the_options(name: str, options: Mapping[str, Any])
 
 
 def test_unknown_rig_names_the_rigs() -> None:
-    with pytest.raises(InputError, match=r"no rig 'simulate', did you mean 'simulated'\?; there are simulated, replay"):
+    with pytest.raises(InputError, match=r"no rig 'simulate', did you mean 'simulated'\?; there are simulated, replay, devices"):
         make_rig("simulate", {})

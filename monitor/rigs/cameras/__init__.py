@@ -1,0 +1,19 @@
+"""Cameras: the registry of everything that can take a frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from .base import Camera, FrameLost, Shot, lost_between
+from .basler import BaslerCamera
+from .gige import GigECamera
+from .micromanager import MicroManagerCamera
+
+__all__ = ["CAMERAS", "Camera", "FrameLost", "Shot", "lost_between"]
+
+CAMERAS: dict[str, Callable[..., Camera]] = {
+    "basler": BaslerCamera,
+    "gige": GigECamera,
+    "micromanager": MicroManagerCamera,
+}
+"""Every kind of camera by name; each is made from plain keywords, the rig's option ``camera``."""
