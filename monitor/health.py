@@ -5,19 +5,20 @@ from __future__ import annotations
 import platform
 import shutil
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib import import_module, metadata
 from pathlib import Path
 from typing import Literal
 
-from configs import Campaign, MicroreliefError
+from configs import Campaign, CaptureError, MicroreliefError
+from pipelines import PatternSet
 from storage import network_file_system, open_store, store_exists
 
 from . import __version__
 from .campaign import UNTRUSTED, read_pattern_set, simulated_calibration_file
 from .forecast import bytes_per_scan, format_bytes
-from .rigs import make_rig
+from .rigs import DevicesRig, make_rig, measure_delay
 from .system_libraries import missing_library
 
 __all__ = ["Finding", "check_campaign", "check_machine"]
@@ -66,6 +67,9 @@ def check_campaign(campaign: Campaign) -> Iterator[Finding]:
     """Look whether a campaign's rig opens, its calibration is there and its store can be opened and has room."""
     patterns = read_pattern_set(campaign)
     yield _try("rig", lambda: _open_rig(campaign), "see the message; `microrelief run` would wait for it with code 75")
+    if campaign.rig.name == "devices" and _projects(campaign):
+        mend = "let the projector alone light what the camera looks at; then give rig option settle_ms"
+        yield _try("projector", lambda: _delay_told(campaign, patterns), mend)
     file = campaign.calibration.file
     if file is None:
         kept = simulated_calibration_file(campaign, patterns)
@@ -147,6 +151,27 @@ def _open_rig(campaign: Campaign) -> str:
     rig.open()
     rig.close()
     return f"{campaign.rig.name} opens in {time.perf_counter() - began:.1f} s"
+
+
+def _projects(campaign: Campaign) -> bool:
+    """Whether the projector is ours to show something with."""
+    projector = campaign.rig.options.get("projector")
+    return isinstance(projector, Mapping) and projector.get("kind") != "external"
+
+
+def _delay_told(campaign: Campaign, patterns: PatternSet) -> str:
+    """Measure how late the projector's light follows, beside what the campaign waits."""
+    rig = DevicesRig(**campaign.rig.options)
+    rig.open()
+    try:
+        delay = measure_delay(rig, patterns)
+    finally:
+        rig.close()
+    seen = f"its light follows after {delay.least_ms:.0f} to {delay.most_ms:.0f} ms"
+    given_ms = rig.settle_s * 1000.0
+    if given_ms < delay.most_ms:
+        raise CaptureError(f"{seen}, and settle_ms is {given_ms:g}: set rig option settle_ms to {delay.settle_ms:g}")
+    return f"{seen}; settle_ms of {given_ms:g} is enough"
 
 
 def _store_told(store: str | Path) -> str:

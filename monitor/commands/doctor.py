@@ -17,7 +17,8 @@ def doctor(campaign: Path | None = None) -> int:
     """Say what is wrong with this machine or a campaign, and how to mend it.
 
     Looks at versions, system libraries, our package names, disk and clock; with a campaign also at its keys, rig,
-    calibration and store. The rig is opened and closed, and takes nothing. Exit code 1: something is wrong.
+    calibration and store. The rig is opened and closed; a real
+    projector shows white and black for a while, to measure how late its light follows. Exit code 1: something is wrong.
 
     Parameters
     ----------

@@ -7,6 +7,7 @@ from typing import Any
 
 from .base import Rig
 from .board_poses import BOARD, calibration_captures
+from .delay import Delay, measure_delay
 from .devices import DevicesRig
 from .parts import make_part, option_names
 from .replay import ReplayRig
@@ -15,12 +16,14 @@ from .simulated import SimulatedRig
 __all__ = [
     "BOARD",
     "RIGS",
+    "Delay",
     "DevicesRig",
     "ReplayRig",
     "Rig",
     "SimulatedRig",
     "calibration_captures",
     "make_rig",
+    "measure_delay",
     "rig_options",
 ]
 

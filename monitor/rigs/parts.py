@@ -38,7 +38,9 @@ def make_part(what: str, registry: Mapping[str, Callable[..., Part]], name: str,
         There is no such part or option, an option lacks, or one has an impossible value.
     """
     if name not in registry:
-        raise InputError(f"{what} name: no {what} {name!r}{_meant(str(name), registry)}; there are {', '.join(registry)}")
+        raise InputError(
+            f"{what} name: no {what} {name!r}{_meant(str(name), registry)}; there are {', '.join(registry)}"
+        )
     known = option_names(registry[name])
     for option in options:
         if option not in known:

@@ -15,7 +15,7 @@ __all__ = ["Camera", "FrameLost", "Image", "Shot", "lost_between", "to_full_rang
 Image = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
 
-class FrameLost(CaptureError):
+class FrameLost(CaptureError):  # noqa: N818 - a state of the world, not a fault of the program
     """A frame came damaged, incomplete or not at all; the same pattern may be taken again."""
 
 

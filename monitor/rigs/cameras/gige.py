@@ -9,7 +9,7 @@ import numpy as np
 
 from configs import DeviceUnavailable, InputError
 
-from .base import FrameLost, Shot, to_full_range
+from .base import FrameLost, Image, Shot, to_full_range
 from .extra import load_extra
 
 __all__ = ["GigECamera"]
@@ -155,8 +155,13 @@ class GigECamera:
             if status != self._aravis.BufferStatus.SUCCESS:
                 raise FrameLost(f"the camera's frame {buffer.get_frame_id()} is damaged: {status.value_nick}")
             rows, columns = buffer.get_image_height(), buffer.get_image_width()
-            kind = np.dtype(np.uint8) if BITS[self._format] == 8 else np.dtype("<u2")
-            image = np.frombuffer(buffer.get_data(), kind, rows * columns).reshape(rows, columns).copy()
+            data = buffer.get_data()
+            flat: Image
+            if BITS[self._format] == 8:
+                flat = np.frombuffer(data, np.uint8, rows * columns)
+            else:
+                flat = np.frombuffer(data, "<u2", rows * columns).astype(np.uint16)
+            image: Image = flat.reshape(rows, columns).copy()
             return Shot(to_full_range(image, BITS[self._format]), int(buffer.get_frame_id()))
         finally:
             self._stream.push_buffer(buffer)

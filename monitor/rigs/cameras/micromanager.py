@@ -111,8 +111,8 @@ class MicroManagerCamera:
             raise FrameLost(f"the Micro-Manager camera gave no frame: {_short(error)}") from None
         if image.ndim != 2 or image.dtype not in (np.uint8, np.uint16):
             raise InputError(
-                f"the Micro-Manager camera gives {image.dtype} of shape {image.shape}; set its pixel type to grey of 8 or "
-                "16 bits under properties"
+                f"the Micro-Manager camera gives {image.dtype} of shape {image.shape}; set its pixel type to grey "
+                "of 8 or 16 bits under properties"
             )
         return Shot(to_full_range(image, int(core.getImageBitDepth())))
 

@@ -3,7 +3,7 @@
 Run by its path and not as a module of our package, so that it starts in a moment: it needs numpy and pygame alone.
 
 Its line is standard input: JSON, a line each, ``{"verb": "load", "shape": [frame, row, column]}`` (the bytes of the
-images follow) or ``{"verb": "show", "frame": k}``. It answers each, and its own opening, with a line on standard output:
+images follow) or ``{"verb": "show", "frame": k}``. It answers each, and its own opening, by a line on standard output:
 ``{"is": "ok"}``, ``{"is": "input", "text": why}`` for what can never work, ``{"is": "gone", "text": why}`` else.
 """
 
@@ -34,13 +34,16 @@ def main(head: int) -> None:
     try:
         import pygame
     except ImportError as error:
-        return _answer("input", f"a screen as projector needs `pip install 'microrelief[screen]'` ({error})")
+        _answer("input", f"a screen as projector needs `pip install 'microrelief[screen]'` ({error})")
+        return
     try:
         window = _open_window(pygame, head)
     except pygame.error as error:
-        return _answer("gone", f"no window can be opened on the projector's screen ({error}): is a display connected?")
+        _answer("gone", f"no window can be opened on the projector's screen ({error}): is a display connected?")
+        return
     except _Refused as refused:
-        return _answer("input", str(refused))
+        _answer("input", str(refused))
+        return
     _answer("ok")
     _serve(pygame, window, _listen(sys.stdin.buffer))
     pygame.quit()

@@ -94,7 +94,7 @@ def test_frames_one_late_are_rejected_by_what_they_show(seen: npt.NDArray[np.uin
 class Counting:
     """A camera whose count says that it made frames which never arrived."""
 
-    wraps_at = 65535
+    wraps_at: int | None = 65535
     exposure_ms = 5.0
 
     def __init__(self, numbers: Iterator[int | None]) -> None:

@@ -128,5 +128,7 @@ def test_unknown_option_names_the_options(name: str, options: Mapping[str, Any])
 
 
 def test_unknown_rig_names_the_rigs() -> None:
-    with pytest.raises(InputError, match=r"no rig 'simulate', did you mean 'simulated'\?; there are simulated, replay, devices"):
+    with pytest.raises(
+        InputError, match=r"no rig 'simulate', did you mean 'simulated'\?; there are simulated, replay, devices"
+    ):
         make_rig("simulate", {})

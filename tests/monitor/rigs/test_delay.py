@@ -1,0 +1,66 @@
+"""The delay of a projector, against one whose delay is known, on a clock of the test's own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from configs import CaptureError
+from monitor.rigs import DevicesRig
+from monitor.rigs.cameras import Shot
+from monitor.rigs.delay import Delay, measure_delay
+from pipelines import PatternSet
+
+PATTERNS = PatternSet("gray", (64, 48), bits=(2, 0))
+
+
+class Bench:
+    """A clock, a projector whose light follows `delay_s` later, and a camera whose frame takes `frame_s`."""
+
+    wraps_at: int | None = None
+    exposure_ms = 5.0
+
+    def __init__(self, delay_s: float, frame_s: float, bright: int = 200) -> None:
+        self.time_s, self.delay_s, self.frame_s = 0.0, delay_s, frame_s
+        self.levels = [bright if role.name == "white" else 20 for role in PATTERNS.roles]
+        self.shown: list[tuple[float, int]] = [(-10.0, 20)]
+
+    def now(self) -> float:
+        return self.time_s
+
+    def wait(self, seconds: float) -> None:
+        self.time_s += seconds
+
+    def open(self) -> None: ...
+    def start(self) -> None: ...
+    def close(self) -> None: ...
+    def load(self, patterns: PatternSet) -> None: ...
+
+    def show(self, frame: int) -> None:
+        self.shown.append((self.time_s + self.delay_s, self.levels[frame]))
+
+    def take(self) -> Shot:
+        lit = next(level for since, level in reversed(self.shown) if since <= self.time_s)
+        self.time_s += self.frame_s
+        return Shot(np.full((16, 16), lit, np.uint8))
+
+
+def measured(bench: Bench) -> Delay:
+    rig = DevicesRig(camera={"kind": "basler"})  # made, never opened: its parts are replaced
+    rig.camera, rig.projector = bench, bench
+    return measure_delay(rig, PATTERNS, bench.now, bench.wait)
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.013, 0.084, 0.31])
+@pytest.mark.parametrize("frame_s", [0.001, 0.01, 0.033])
+def test_a_known_delay_is_found_to_one_frame(delay_s: float, frame_s: float) -> None:
+    delay = measured(Bench(delay_s, frame_s))
+    assert delay_s - 1e-9 <= delay.most_ms / 1000 <= delay_s + frame_s + 1e-9
+    assert delay.settle_ms >= 1000 * delay_s
+    assert delay.settle_ms <= 1000 * (delay_s + 2 * frame_s) + 5
+    assert delay.contrast == 180
+
+
+def test_a_dark_projector_is_said() -> None:
+    with pytest.raises(CaptureError, match="white looks like black"):
+        measured(Bench(0.01, 0.01, bright=21))
