@@ -6,15 +6,27 @@ import numba as nb
 import numpy as np
 
 from ..scan import LEVEL_NONE
+from .cell_kernels import (
+    ALONG,
+    ASIDE,
+    COUNT,
+    FIRST,
+    HALF,
+    HEIGHT,
+    HIGH,
+    INNER,
+    LIGHT,
+    LOW,
+    RIM,
+    SLOPE_X,
+    SLOPE_Y,
+    SQUARE,
+    WEIGHT,
+    conclude,
+)
 from .lay_kernels import CODE, FINE, OFFSET, STEEPEST
 
 __all__ = ["RIM", "STEEPEST", "drop_beyond", "fill"]
-
-HALF = np.float32(0.5)  # of a cell's area must be covered
-RIM = 64  # added to the level of a cell until it is mended, if a point of it lies at a border
-
-# what is summed up of the points of a cell
-WEIGHT, HEIGHT, ASIDE, ALONG, SLOPE_X, SLOPE_Y, SQUARE, COUNT, LIGHT, FIRST, LOW, HIGH, INNER = range(13)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -43,86 +55,72 @@ def fill(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     cell, above, sigma_in, local, slope, reach = laid
     columns = height.shape[1]
     start, size = first * columns, (last - first) * columns
-    total = np.zeros((size, 13), np.float32)
+    total = np.zeros((13, size), np.float32)
     deepest, rim = np.zeros(size, np.uint8), np.zeros(size, np.uint8)
-    for n in range(size):
-        total[n, LOW], total[n, HIGH] = np.inf, -np.inf
     wide = max(usual[0], usual[1]) > 1
     spill = np.int64(np.ceil(4 * usual[1]))  # rows that the largest footprint reaches beyond its own
     cover = np.zeros((last - first, columns), np.float32)
-    usual_area = np.float32(4 * usual[0] * usual[1] / (CODE * CODE))
     for i in range(len(cell)):
         if reach[i, 0] < last + spill and reach[i, 1] >= first - spill:
-            for j in range(cell.shape[1]):
-                n = cell[i, j] - start
-                if not -spill * columns <= n < size + spill * columns or cell[i, j] < 0:
-                    continue
-                inner = sigma_in[i, j] > 0
-                if wide or not inner:
-                    _cover(cover, cell[i, j] // columns - first, cell[i, j] % columns, local[i, j], usual)
-                if 0 <= n < size:
-                    sums = total[n]
-                    _add(sums, above[i, j], local[i, j], slope[i, j], sigma_in[i, j], texture_in[i, j])
-                    sums[LOW], sums[HIGH] = min(sums[LOW], above[i, j]), max(sums[HIGH], above[i, j])
-                    if inner:
-                        sides = (np.int32(local[i, j, 2]) + 128) * (np.int32(local[i, j, 3]) + 128)
-                        sums[INNER] += usual_area * np.float32(sides)
-                    else:
-                        rim[n] = RIM
-                    if level_in[i, j] > deepest[n] and level_in[i, j] != LEVEL_NONE:  # else one axis was enough
-                        deepest[n] = level_in[i, j]
+            _sum_line(
+                cell[i], above[i], sigma_in[i], local[i], slope[i], texture_in[i], level_in[i], usual, wide,
+                start, spill, total, cover, deepest, rim,
+            )  # fmt: skip
     gap = np.float32(STEEPEST * pitch)
-    two, empty = 0, 0
-    for n in range(size):
-        two += total[n, HIGH] - total[n, LOW] > gap
-        empty += total[n, COUNT] == 0 and cover[n // columns, n % columns] >= HALF
-    if two > 0:
+    if _any_apart(total[LOW], total[HIGH], gap):
         _choose(laid, texture_in, gap, total, start, columns)
-    if empty > 0:
+    if _any_empty(total[COUNT], cover.reshape(-1)):
         _lend(
             laid, texture_in, level_in, usual, pitch, gap, spill, wide, total, cover, deepest, rim, first, last, columns
         )
-    apart = np.float32(shared)
-    nan, unit = np.float32(np.nan), np.float32(pitch / (OFFSET * FINE))
-    one, zero, sampled = np.float32(1), np.float32(0), np.float32(1 / 12)
-    for row in range(first, last):
-        for column in range(columns):
-            n = (row - first) * columns + column
-            sums, count = total[n], total[n, COUNT]
-            if not sums[WEIGHT] > 0:
-                height[row, column], sigma[row, column] = nan, nan
-                texture[row, column], level[row, column] = 0, LEVEL_NONE
-                continue
-            share = one / sums[WEIGHT]
-            level[row, column] = deepest[n] + rim[n]
-            if count == 0:  # lent
-                height[row, column], sigma[row, column] = sums[HEIGHT] * share, np.sqrt(sums[ASIDE] * share)
-                texture[row, column] = np.uint8(sums[LIGHT] * share)
-                continue
-            moved = sums[ASIDE] * sums[SLOPE_X] + sums[ALONG] * sums[SLOPE_Y]
-            height[row, column] = sums[HEIGHT] * share - moved * (unit * share * share)
-            worth = one + (np.sqrt(count) - one) / apart
-            own = share * count
-            seen, bent = _relief(sums, own, np.float32(pitch))
-            unseen = max(one - sums[INNER], zero)
-            spread = np.sqrt(own / (worth * worth) + seen * unseen * unseen + bent * sampled / count)
-            area = cover[row - first, column] + (zero if wide else sums[INNER])
-            sigma[row, column] = spread if area >= HALF else -spread
-            texture[row, column] = np.uint8(sums[LIGHT] / count)
+    conclude(
+        total, cover.reshape(-1), deepest, rim, pitch, shared, wide, height[first:last].reshape(-1),
+        sigma[first:last].reshape(-1), texture[first:last].reshape(-1), level[first:last].reshape(-1),
+    )  # fmt: skip
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _relief(sums, noise, pitch):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
-    """Variance of the heights in a cell that noise does not explain, and what of it the cell's slope does not either.
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _sum_line(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    cell, above, sigma_in, local, slope, texture_in, level_in, usual, wide, start, spill, total, cover, deepest, rim
+):
+    """Add the pixels of a line of the image to the cells of a band, of which `start` is the first."""
+    rows, columns = cover.shape
+    size, beside = rows * columns, spill * columns
+    area = np.float32(4 * usual[0] * usual[1] / (CODE * CODE))
+    none, zero = np.uint8(0), np.float32(0)
+    for j in range(cell.size):
+        n = np.int64(cell[j]) - start
+        if cell[j] < 0 or not -beside <= n < size + beside:
+            continue
+        inner = sigma_in[j] > 0
+        if wide or not inner:
+            _cover(cover, cell[j] // columns - start // columns, cell[j] % columns, local[j], usual)
+        if 0 <= n < size:
+            k = np.uintp(n)  # unsigned: to look for a negative index costs more than the sum
+            alone, low, high = total[COUNT, k] == 0, total[LOW, k], total[HIGH, k]
+            total[LOW, k] = above[j] if alone | (above[j] < low) else low
+            total[HIGH, k] = above[j] if alone | (above[j] > high) else high
+            _add(total, k, above[j], local, slope, j, sigma_in[j], texture_in[j])
+            sides = np.float32((np.int32(local[j, 2]) + 128) * (np.int32(local[j, 3]) + 128))
+            total[INNER, k] += area * sides if inner else zero
+            rim[k] = rim[k] if inner else np.uint8(RIM)
+            deepest[k] = max(deepest[k], none if level_in[j] == LEVEL_NONE else level_in[j])  # none: one axis sufficed
 
-    What lies in the part of a cell that is not seen is as far from its mean as what is seen. Where all of it is seen,
-    each point stands for the middle of its share: the mean of n is off by 1 / sqrt(12 n) of what no slope explains.
-    """
-    share = np.float32(1) / sums[WEIGHT]
-    mean = sums[HEIGHT] * share - sums[FIRST]
-    slope = (sums[SLOPE_X] * sums[SLOPE_X] + sums[SLOPE_Y] * sums[SLOPE_Y]) * (share * share / np.float32(FINE * FINE))
-    seen = max(sums[SQUARE] * share - mean * mean - noise, np.float32(0))
-    return seen, max(seen - slope * pitch * pitch / np.float32(12), np.float32(0))
+
+@nb.njit(cache=True, nogil=True)
+def _any_apart(low, high, gap):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    count = 0
+    for n in range(low.size):
+        count += high[n] - low[n] > gap
+    return count > 0
+
+
+@nb.njit(cache=True, nogil=True)
+def _any_empty(points, cover):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    count = 0
+    for n in range(points.size):
+        count += (points[n] == 0) & (cover[n] >= HALF)
+    return count > 0
 
 
 @nb.njit(cache=True, nogil=True, inline="always")
@@ -157,27 +155,29 @@ def _overlap(middle, half, n):  # type: ignore[no-untyped-def]  # a kernel: numb
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _add(total, above, local, slope, sigma, light):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+def _add(total, n, above, local, slope, j, sigma, light):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """Add pixel j of a line to the sums of cell n."""
     w = np.float32(1) / (sigma * sigma)
-    total[WEIGHT] += w
-    if total[COUNT] == 0:
-        total[FIRST] = above  # squares are summed from here: heights are long numbers, their differences short ones
-    off = above - total[FIRST]
-    total[HEIGHT] += w * above
-    total[SQUARE] += w * off * off
-    total[ASIDE] += w * np.float32(local[0])
-    total[ALONG] += w * np.float32(local[1])
-    total[SLOPE_X] += w * np.float32(slope[0])
-    total[SLOPE_Y] += w * np.float32(slope[1])
-    total[COUNT] += np.float32(1)
-    total[LIGHT] += np.float32(light)
+    # squares are summed from the first height: heights are long numbers, their differences short ones
+    begin = above if total[COUNT, n] == 0 else total[FIRST, n]
+    off = above - begin
+    total[FIRST, n] = begin
+    total[WEIGHT, n] += w
+    total[HEIGHT, n] += w * above
+    total[SQUARE, n] += w * off * off
+    total[ASIDE, n] += w * np.float32(local[j, 0])
+    total[ALONG, n] += w * np.float32(local[j, 1])
+    total[SLOPE_X, n] += w * np.float32(slope[j, 0])
+    total[SLOPE_Y, n] += w * np.float32(slope[j, 1])
+    total[COUNT, n] += np.float32(1)
+    total[LIGHT, n] += np.float32(light)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _choose(laid, texture_in, gap, total, start, columns):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     """Sum up anew the cells that hold two surfaces: only the one with more points, the upper one in a tie."""
     cell, above, sigma_in, local, slope, reach = laid
-    size = len(total)
+    size = total.shape[1]
     first, last = start // columns, (start + size) // columns
     upper = np.zeros(size, np.int32)  # points of the upper surface less those of the lower
     for turn in range(2):
@@ -185,16 +185,16 @@ def _choose(laid, texture_in, gap, total, start, columns):  # type: ignore[no-un
             if reach[i, 0] < last and reach[i, 1] >= first:
                 for j in range(cell.shape[1]):
                     n = cell[i, j] - start
-                    if 0 <= n < size and total[n, HIGH] - total[n, LOW] > gap:
-                        high = 2 * above[i, j] > total[n, LOW] + total[n, HIGH]
+                    if 0 <= n < size and total[HIGH, n] - total[LOW, n] > gap:
+                        high = 2 * above[i, j] > total[LOW, n] + total[HIGH, n]
                         if turn == 0:
                             upper[n] += 1 if high else -1
                         elif high == (upper[n] >= 0):
-                            _add(total[n], above[i, j], local[i, j], slope[i, j], sigma_in[i, j], texture_in[i, j])
+                            _add(total, n, above[i, j], local[i], slope[i], j, sigma_in[i, j], texture_in[i, j])
         if turn == 0:
             for n in range(size):
-                if total[n, HIGH] - total[n, LOW] > gap:
-                    total[n, :LOW] = 0
+                if total[HIGH, n] - total[LOW, n] > gap:
+                    total[:LOW, n] = 0
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -221,7 +221,7 @@ def _lend(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
                 for a in range(*_cells(row, y, hy, last - first)):
                     for b in range(*_cells(column, x, hx, columns)):
                         n = a * columns + b
-                        if total[n, COUNT] > 0 or cover[a, b] < HALF:
+                        if total[COUNT, n] > 0 or cover[a, b] < HALF:
                             continue
                         area = np.float32(_overlap(row + y, hy, a) * _overlap(column + x, hx, b))
                         if not area > 0:
@@ -229,15 +229,15 @@ def _lend(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
                         right, up = np.float32(b - column - x), np.float32(a - row - y)
                         rise = slope[i, j, 0] * right + slope[i, j, 1] * up
                         here = above[i, j] + np.float32(pitch / FINE) * rise
-                        if total[n, WEIGHT] > 0 and abs(total[n, HEIGHT] / total[n, WEIGHT] - here) > gap:
-                            if total[n, WEIGHT] >= area:
+                        if total[WEIGHT, n] > 0 and abs(total[HEIGHT, n] / total[WEIGHT, n] - here) > gap:
+                            if total[WEIGHT, n] >= area:
                                 continue
-                            total[n, :LOW], deepest[n] = 0, 0
+                            total[:LOW, n], deepest[n] = 0, 0
                         if not wide:
                             rim[n] = RIM
-                        total[n, WEIGHT] += area
-                        total[n, HEIGHT] += area * here
-                        total[n, ASIDE] += area * sigma_in[i, j] * sigma_in[i, j]
-                        total[n, LIGHT] += area * np.float32(texture_in[i, j])
+                        total[WEIGHT, n] += area
+                        total[HEIGHT, n] += area * here
+                        total[ASIDE, n] += area * sigma_in[i, j] * sigma_in[i, j]
+                        total[LIGHT, n] += area * np.float32(texture_in[i, j])
                         if level_in[i, j] != LEVEL_NONE:
                             deepest[n] = max(deepest[n], level_in[i, j])
