@@ -288,7 +288,7 @@ def _kill_at_random(url: str, kills: int, seed: int) -> tuple[int, int]:
     moments = random.Random(seed)
     acknowledged = -1
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    for _ in range(kills):
+    for number in range(1, kills + 1):
         with subprocess.Popen(
             [sys.executable, "-c", WRITER, url], stdout=subprocess.PIPE, text=True, cwd=ROOT, env=environment
         ) as child:
@@ -302,6 +302,8 @@ def _kill_at_random(url: str, kills: int, seed: int) -> tuple[int, int]:
         store = open_store(url)
         assert len(store) > acknowledged, "an acknowledged scan is lost"
         assert len(store) <= acknowledged + 2, "more than the one scan under way is there"
+        if number % 20 == 0:
+            print(f"{number} kills: {acknowledged + 1} scans acknowledged, {len(store)} found", flush=True)
     store = open_store(url, write=True)
     assert not [event for event in store.events if event.kind == "lost"]
     assert store.append(failure(len(store))) is None
