@@ -194,7 +194,7 @@ def history_cost(scans: int = 1000) -> tuple[float, float]:
         tail = coarse + rng.integers(-3, 4, (scans - folded, rows, columns)).astype(np.int16)
         written += [Rows("binned/height_tail", slot, 1, tail[slot : slot + 1]) for slot in range(len(tail))]
         for group in (written[:1], *([rows] for rows in written[1:])):  # in order: each lengthens the array
-            store._commit(lambda root, group=group: write_rows(root.store, group), "coarse", {})  # type: ignore[attr-defined]  # nobody waits for a thousand scans at full size
+            store._commit(lambda root, known, group=group: write_rows(root.store, group, known), "coarse", {})  # type: ignore[attr-defined]  # nobody waits for a thousand scans at full size
         store.close()
         sizes = sorted(path.stat().st_size for path in (folder / "s" / "chunks").iterdir())
         (folder / "long").write_bytes(bytes(sizes[-1]))

@@ -130,6 +130,7 @@ def test_one_writer_named_to_the_next(s3_prefix: str) -> None:
 
 
 def test_a_writer_that_was_asleep_is_refused_and_mixes_nothing(s3_prefix: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lease_module, "BEAT_S", 1e6)  # its thread sleeps too, however slow this machine is
     asleep = _made(s3_prefix, 1)
     monkeypatch.setattr(lease_module, "_alive", lambda record: None)
     monkeypatch.setattr(lease_module, "LEASE_S", 0.0)
