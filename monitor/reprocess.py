@@ -80,6 +80,9 @@ class Remade:
 def campaign_of(store: Store) -> Campaign | None:
     """Read the campaign that a store keeps; None where it was made without one.
 
+    The files that it names (patterns, calibration) may be anywhere, and are not looked for: what they gave is in the
+    store, and in its hash of the settings.
+
     Raises
     ------
     ConfigError
@@ -88,11 +91,11 @@ def campaign_of(store: Store) -> Campaign | None:
     about = store.about
     if not about.campaign.strip():
         return None
-    return parse_campaign(about.campaign, f"{about.location} (its campaign)", Path(about.location).parent)
+    return parse_campaign(about.campaign, f"{about.location} (its campaign)", Path())
 
 
-def rules_of(campaign: Campaign | None, store: Store) -> Rules:
-    """Give the rules of a campaign for a store: the metrics of both, so that no column is of other heights.
+def rules_of(given: Campaign | None, store: Store) -> Rules:
+    """Give the rules of a campaign, or else of the store's own: the metrics of both, so no column is of other heights.
 
     Raises
     ------
@@ -105,6 +108,7 @@ def rules_of(campaign: Campaign | None, store: Store) -> Rules:
     if grid is None:
         raise StoreError(f"{store.about.location}: has no grid")
     kept = tuple(name for name in store.about.metrics if name in METRICS)
+    campaign = given if given is not None else campaign_of(store)
     if campaign is None:
         return Rules(grid, metrics=kept, settings=store.about.campaign_hash)
     pitch = campaign.grid.pitch_mm
@@ -121,7 +125,7 @@ def rules_of(campaign: Campaign | None, store: Store) -> Rules:
         tuple(dict.fromkeys((*campaign.metrics, *kept))),
         campaign.alarms,
         campaign.reconstruct.remove_background,
-        campaign_hash(campaign, read_pattern_set(campaign)),
+        store.about.campaign_hash if given is None else campaign_hash(given, read_pattern_set(given)),
     )
 
 

@@ -39,7 +39,7 @@ from .records import (
     tail_of,
 )
 from .repository import check_whole, create_repository, newest_whole, open_repository, reason, root_of
-from .rows import row, write_rows
+from .rows import Known, read_row, row, write_rows
 from .series import frame_of
 from .store import About, Stored
 from .wholeness import read_newest
@@ -64,13 +64,14 @@ class IcechunkStore:
     ) -> None:
         self._location = location
         self._lock = lock
+        self._known: Known = {}
         self._repository = open_repository(location)
         if past is None:
             snapshot, lost = newest_whole(self._repository, location, self._probe)
         else:
             snapshot, lost = past(self._repository, location), ""
             check_whole(self._repository, location, snapshot, self._probe)
-        self._attach(snapshot)
+        self._attach(snapshot, self._known)  # which `_probe` learnt
         self._about, self._height_type, self._tail = self._load()
         self._lost: tuple[Event, ...] = ()
         if lost:
@@ -158,9 +159,9 @@ class IcechunkStore:
             return ()
         places = place_all(self._tail, ticks, self._about.grid or Grid(1, 1, 1.0), self._about.metrics)
 
-        def write(root: Any) -> None:
+        def write(root: Any, known: Known) -> None:
             for tick, where in zip(ticks, places, strict=True):
-                self._write(root, tick, where)
+                self._write(root, known, tick, where)
 
         self._commit(write, *described(ticks, places))
         self._tail = places[-1].tail
@@ -189,10 +190,7 @@ class IcechunkStore:
         """Give all metrics; see `Store.series`."""
         table, scans = self._root["metrics"], self._root["scans"]
         times = table["time"][:].astype("datetime64[ns]")
-        columns = {}
-        for name in self._about.metrics:
-            columns[name] = table[name][:]
-            columns[f"{name}_sigma"] = table[f"{name}_sigma"][:]
+        columns = {each: table[each][:] for name in self._about.metrics for each in (name, f"{name}_sigma")}
         return frame_of(times, scans["scan"][:], columns, self._about.metrics)
 
     @property
@@ -229,7 +227,7 @@ class IcechunkStore:
             return None
 
         def adopt(snapshot: str) -> None:
-            self._attach(snapshot)
+            self._attach(snapshot, {})
             self._about, self._height_type, self._tail = self._load()
 
         units = {**self._about.metrics, **metrics}
@@ -278,15 +276,16 @@ class IcechunkStore:
         return number % count
 
     def _read(self, number: int) -> Stored:
-        scans, grid = self._root["scans"], grid_of(self._root.attrs)
+        store, grid = self._session.store, grid_of(self._root.attrs)
+        found = read_row(store, "scans", number, ("epoch", "baseline", "planned", "alarms"), self._known)
         return Stored(
             number=number,
-            epoch=int(scans["epoch"][number]),
-            baseline=int(scans["baseline"][number]),
-            planned=np.datetime64(int(scans["planned"][number]), "ns"),
-            scan=read_scan(scans, number, grid),
-            change=read_change(self._root["change"], number, grid),
-            alarms=json.loads(str(scans["alarms"][number])),
+            epoch=int(found["epoch"]),
+            baseline=int(found["baseline"]),
+            planned=np.datetime64(int(found["planned"]), "ns"),
+            scan=read_scan(store, number, grid, self._known),
+            change=read_change(store, number, grid, self._known),
+            alarms=json.loads(str(found["alarms"])),
         )
 
     def _writing(self) -> None:
@@ -294,22 +293,24 @@ class IcechunkStore:
             raise StoreError(f"{self._location}: is open to read: open it with write=True")
         self._lock.check()
 
-    def _commit(self, write: Any, message: str, metadata: dict[str, Any]) -> None:
+    def _commit(self, write: Callable[[Any, Known], None], message: str, metadata: dict[str, Any]) -> None:
+        """Let `write` fill a session's root group and commit it; where that fails, the store is as it was."""
         import icechunk
 
+        known, self._known = self._known, {}  # of a commit that failed nothing is known
         try:
             session = self._repository.writable_session(BRANCH)
             if session.snapshot_id != self._snapshot:
                 raise StoreError(f"{self._location}: another writer wrote here meanwhile: {message} was not stored")
-            write(root_of(session, "r+"))
+            write(root_of(session, "r+"), known)
             snapshot = self._location.publish(self._repository, session, message, metadata)
         except (icechunk.IcechunkError, OSError) as error:
             if isinstance(error, StoreError):
                 raise
             raise StoreError(f"{self._location}: {message} was not stored: {reason(error)}") from error
-        self._attach(snapshot)
+        self._attach(snapshot, known)
 
-    def _write(self, root: Any, tick: Tick, where: Place) -> None:
+    def _write(self, root: Any, known: Known, tick: Tick, where: Place) -> None:
         rows = rows_of_events(root["events/time"].shape[0], where.events)
         if where.number is not None:
             rows += rows_of_scan(where, tick, self._height_type)
@@ -325,10 +326,10 @@ class IcechunkStore:
             rows += rows_of_frames(root, where.number, tick.frames)
         if tick.frames_since is not None:
             let_go(root, tick.frames_since)
-        write_rows(root.store, rows)
+        write_rows(root.store, rows, known)
 
     def _add_metrics(self, new: dict[str, str]) -> None:
-        def write(root: Any) -> None:
+        def write(root: Any, _: Known) -> None:
             for name, unit in new.items():
                 add_metric(root["metrics"], name, unit)
 
@@ -341,7 +342,7 @@ class IcechunkStore:
         events, self._lost = self._lost, ()
         note = Tick(events[0].time, events=events)
         self._commit(
-            lambda root: self._write(root, note, Place(self._tail, None, events)),
+            lambda root, known: self._write(root, known, note, Place(self._tail, None, events)),
             "went back to the newest whole snapshot",
             {},
         )
@@ -351,7 +352,9 @@ class IcechunkStore:
         when = self._tail.time if self._tail.time is not None else parse_instant(self._root.attrs["created"])
         event = Event(when, "note", f"store: taken over from a writer that did not let go of it ({holder})")
         note = Tick(when, events=(event,))
-        self._commit(lambda root: self._write(root, note, Place(self._tail, None, (event,))), "taken over", {})
+        self._commit(
+            lambda root, known: self._write(root, known, note, Place(self._tail, None, (event,))), "taken over", {}
+        )
 
     def _probe(self, session: Any) -> None:
         """Read what a whole snapshot must hold: all groups, and the newest row of every array."""
@@ -364,11 +367,11 @@ class IcechunkStore:
                 f"{self._location}: schema {schema} was made by a newer microrelief (this one reads {SCHEMA}): "
                 "update it"
             )
-        read_newest(session.store, whole=not self._location.writes_whole)
+        self._known = read_newest(session.store, whole=not self._location.writes_whole)
 
-    def _attach(self, snapshot: str) -> None:
-        """Read from another snapshot from now on; its groups are opened when they are asked for."""
-        self._snapshot = snapshot
+    def _attach(self, snapshot: str, known: Known) -> None:
+        """Read from another snapshot from now on; what is not `known` of it is opened when it is asked for."""
+        self._snapshot, self._known = snapshot, known
         self._session = self._repository.readonly_session(snapshot_id=snapshot)
         self._opened: Any = None
 
@@ -392,6 +395,5 @@ class IcechunkStore:
             snapshot="",
             metrics=metrics_of(self._root["metrics"]),
         )
-        scans = self._root["scans"]
-        height_type = str(scans["height"].dtype)
-        return about, height_type, tail_of(scans, scans["time"].shape[0])
+        height = self._root["scans/height"]
+        return about, str(height.dtype), tail_of(self._session.store, height.shape[0], self._known)

@@ -11,10 +11,10 @@ import numpy as np
 from pipelines import Change, Event, Grid, Measurement, Motion, Scan, Tick
 from pipelines.change import Verdict
 
-from .layout import NO_TIME
+from .layout import CELLS_OF_CHANGE, CELLS_OF_SCAN, NO_TIME
 from .order import Place, Tail
 from .packing import STEP_MM, pack_heights, pack_sigmas, unpack_heights
-from .rows import Rows, row, texts
+from .rows import Known, Rows, read_row, row, texts
 
 __all__ = [
     "read_change",
@@ -49,31 +49,33 @@ def rows_of_scan(where: Place, tick: Tick, height_type: str) -> list[Rows]:
     return [row(f"scans/{name}", number, value) for name, value in values.items()]
 
 
-def read_scan(group: Any, number: int, grid: Grid) -> Scan:
-    """Read a scan back."""
+def read_scan(store: Any, number: int, grid: Grid, known: Known | None = None) -> Scan:
+    """Read a scan back from a Zarr store."""
+    found = read_row(store, "scans", number, ("time", *CELLS_OF_SCAN, "calibration"), known)
     return Scan(
         grid=grid,
-        time=np.datetime64(int(group["time"][number]), "ns"),
-        height=unpack_heights(group["height"][number]),
-        sigma=group["sigma"][number],
-        texture=group["texture"][number],
-        level=group["level"][number],
-        calibration_id=str(group["calibration"][number]),
+        time=np.datetime64(int(found["time"]), "ns"),
+        height=unpack_heights(found["height"]),
+        sigma=found["sigma"],
+        texture=found["texture"],
+        level=found["level"],
+        calibration_id=str(found["calibration"]),
     )
 
 
-def tail_of(scans: Any, count: int) -> Tail:
-    """Give the tail of the first `count` scans."""
+def tail_of(store: Any, count: int, known: Known | None = None) -> Tail:
+    """Give the tail of the first `count` scans of a Zarr store."""
     if not count:
         return Tail()
-    baseline = int(scans["baseline"][count - 1])
+    last = read_row(store, "scans", count - 1, ("time", "epoch", "baseline", "calibration"), known)
+    baseline = int(last["baseline"])
     return Tail(
         count=count,
-        time=np.datetime64(int(scans["time"][count - 1]), "ns"),
-        epoch=int(scans["epoch"][count - 1]),
+        time=np.datetime64(int(last["time"]), "ns"),
+        epoch=int(last["epoch"]),
         baseline=baseline,
-        baseline_time=np.datetime64(int(scans["time"][baseline]), "ns"),
-        calibration_id=str(scans["calibration"][count - 1]),
+        baseline_time=np.datetime64(int(read_row(store, "scans", baseline, ("time",), known)["time"]), "ns"),
+        calibration_id=str(last["calibration"]),
     )
 
 
@@ -97,22 +99,21 @@ def rows_of_change(number: int, tick: Tick, height_type: str) -> list[Rows]:
     return [row(f"change/{name}", number, value) for name, value in values.items()]
 
 
-def read_change(group: Any, number: int, grid: Grid) -> Change | None:
-    """Read a change back; None where there is none."""
-    baseline_time = int(group["baseline_time"][number])
+def read_change(store: Any, number: int, grid: Grid, known: Known | None = None) -> Change | None:
+    """Read a change back from a Zarr store; None where there is none."""
+    baseline_time = int(read_row(store, "change", number, ("baseline_time",), known)["baseline_time"])
     if baseline_time == NO_TIME:
         return None
-    terms = group["motion"][number]
-    residual, overlap, conditioning, sigma_z, sigma_xy = (float(term) for term in terms[16:])
-    verdict = cast(Verdict, str(group["verdict"][number]))
-    matrix = terms[:16].reshape(4, 4)
-    reason = str(group["reason"][number])
+    found = read_row(store, "change", number, (*CELLS_OF_CHANGE, "motion", "verdict", "reason"), known)
+    residual, overlap, conditioning, sigma_z, sigma_xy = (float(term) for term in found["motion"][16:])
+    verdict = cast(Verdict, str(found["verdict"]))
+    matrix, reason = found["motion"][:16].reshape(4, 4), str(found["reason"])
     motion = Motion(matrix, residual, overlap, conditioning, sigma_z, sigma_xy, verdict, reason)
     return Change(
         grid=grid,
         baseline_time=np.datetime64(baseline_time, "ns"),
-        dz=unpack_heights(group["dz"][number]),
-        lod=group["lod"][number],
+        dz=unpack_heights(found["dz"]),
+        lod=found["lod"],
         motion=motion,
     )
 

@@ -89,7 +89,7 @@ class Rework:
         for name, unit in self._metrics.items():
             if name not in metrics_of(self._root["metrics"]):
                 add_metric(self._root["metrics"], name, unit)
-        self._tail = tail_of(self._root["scans"], self.next)
+        self._tail = tail_of(self._root.store, self.next)
 
     @staticmethod
     def done(repository: Any, snapshot: str, key: str) -> bool:
@@ -101,7 +101,7 @@ class Rework:
         """Whether the scans from `next` on need not be written again: nothing that they depend on has changed."""
         if self.next == 0:
             return False
-        old = tail_of(self._old["scans"], self.next)
+        old = tail_of(self._old.store, self.next)
         return old == self._tail and not self._new_baseline
 
     @property
@@ -113,7 +113,7 @@ class Rework:
         """Give the baseline that the next scan is compared with, as the store gives it back; None before scan 0."""
         if not self._tail.count:
             return None
-        scan = read_scan(self._root["scans"], self._tail.baseline, self._grid)
+        scan = read_scan(self._root.store, self._tail.baseline, self._grid)
         return replace(scan, calibration_id=self._tail.calibration_id)  # tables are written at the next commit
 
     def alarms(self) -> dict[str, AlarmState]:
@@ -196,9 +196,8 @@ class Rework:
             about = dict(self._repository.lookup_snapshot(self._repository.lookup_branch(BRANCH)).metadata)
             if (about.get("process"), about.get("base")) != (self._key, self._base):
                 return False
-            root = root_of(self._repository.readonly_session(BRANCH))
             following = int(about["next"])
-            read_scan(root["scans"], following - 1, self._grid)
+            read_scan(self._repository.readonly_session(BRANCH).store, following - 1, self._grid)
             self.next, self.tally = following, dict(json.loads(about["tally"]))
             self._new_baseline = bool(about["new_baseline"])
             return True

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import asyncio
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from .layout import FOLD
-from .rows import all_of
+from .rows import Known, all_of, at_once
 
 __all__ = ["faults", "read_newest"]
 
@@ -19,8 +17,8 @@ def faults() -> tuple[type[Exception], ...]:
     return (icechunk.IcechunkError, OSError, ValueError, RuntimeError, KeyError, IndexError, TypeError)
 
 
-def read_newest(store: Any, *, whole: bool = True) -> int:
-    """Read the newest row of every array of a Zarr store, all its chunks; return how many scans there are.
+def read_newest(store: Any, *, whole: bool = True) -> Known:
+    """Read the newest row of every array of a Zarr store, all its chunks; give what is known of the arrays then.
 
     A commit writes only rows at the end, new manifests for them, and a snapshot: where all of these can be read, so
     can what came before, unless the disk has lost what it had acknowledged. `verify` reads everything.
@@ -35,11 +33,10 @@ def read_newest(store: Any, *, whole: bool = True) -> int:
     Exception
         Whatever the codecs make of damaged bytes.
     """
-    with ThreadPoolExecutor(1, thread_name_prefix="microrelief-store") as worker:  # as in `rows.write_rows`
-        return worker.submit(lambda: asyncio.run(_read_all(store, whole))).result()
+    return at_once(_read_all(store, whole))
 
 
-async def _read_all(store: Any, whole: bool) -> int:
+async def _read_all(store: Any, whole: bool) -> Known:
     from zarr.api.asynchronous import open_group
 
     root = await open_group(store=store, mode="r", use_consolidated=False)
@@ -56,7 +53,7 @@ async def _read_all(store: Any, whole: bool) -> int:
     elif count:
         of_scans = (array for path, array in arrays.items() if path.startswith(("scans/", "change/")))
         await all_of(_look(array, count - 1) for array in of_scans if array.metadata.dimension_names[0] == "time")
-    return count
+    return {path: array.metadata for path, array in arrays.items()}
 
 
 def _newest(path: str, array: Any, count: int) -> int:

@@ -15,7 +15,7 @@ from cyclopts import Parameter
 
 from configs import InputError, did_you_mean, parse_duration
 from pipelines import Event, Grid, Instant, Scan, format_instant, instant, parse_instant
-from storage import Store, create_store, open_store, read_raster, scan_of
+from storage import Store, create_store, open_store, read_raster, scan_of, store_exists
 
 from .. import __version__
 from ..reprocess import Rules, campaign_of, rules_of
@@ -40,7 +40,7 @@ class Wishes:
 
 
 def ingest(
-    store: Path,
+    store: str,
     *files: Path,
     time: str | None = None,
     every: str | None = None,
@@ -60,7 +60,7 @@ def ingest(
     Parameters
     ----------
     store
-        The store's folder.
+        The store's folder or address.
     files
         What to take in.
     time
@@ -86,7 +86,7 @@ def ingest(
     if not files:
         raise InputError("FILES is missing; see `microrelief ingest --help`")
     wishes = _wishes(len(files), time, every, zone, pitch_mm, unit, sigma_mm)
-    opened = open_store(store, write=True) if store.exists() else None
+    opened = open_store(store, write=True) if store_exists(store) else None
     if opened is not None and (pitch_mm is not None or metric):
         opened.close()
         raise InputError(f"{store}: is there already: --pitch-mm and --metric are for a new store, leave them out")
@@ -103,7 +103,7 @@ def ingest(
         if opened is None:
             opened = _create(store, scans[0][1], metric)
         with closing(opened):
-            rules = rules_of(campaign, opened)
+            rules = rules_of(None, opened)
             for file, scan in scans:
                 print(_kept(opened, file, scan, rules), flush=True)
     finally:
@@ -181,7 +181,7 @@ def _read(file: Path, number: int, wishes: Wishes, grid: Grid | None, usual_zone
     return scan
 
 
-def _create(path: Path, first: Scan, names: Sequence[str]) -> Store:
+def _create(path: str, first: Scan, names: Sequence[str]) -> Store:
     from pipelines.change import METRICS as KNOWN
 
     names = names or METRICS
@@ -191,7 +191,7 @@ def _create(path: Path, first: Scan, names: Sequence[str]) -> Store:
     tall = float(np.nanmax(np.abs(first.height))) > REACH_MM / 2
     return create_store(
         path,
-        site=re.sub(r"[-_]+", " ", path.stem),
+        site=re.sub(r"[-_]+", " ", Path(path).stem),
         grid=first.grid,
         metrics={name: KNOWN[name].unit for name in names},
         software=f"microrelief {__version__}",

@@ -78,7 +78,7 @@ def process(
         last = _number(opened, to, zone, "--to") if to is not None else len(opened) - 1
         if first > last:
             raise InputError(f"--from {from_} --to {to}: no scan lies between them")
-        rules = rules_of(settings, opened)
+        rules = rules_of(file.campaign if file is not None else None, opened)
         with engine(workers, scheduler) as spread, progress("processing scans") as step:
             outcome = work_out(
                 opened,

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from statistics import median
 from time import perf_counter, process_time
+from typing import Any
 
 import numpy as np
 
@@ -125,47 +126,56 @@ def append_against_floor(cells: int, repeats: int = 9) -> tuple[float, float, fl
     return median(appends), median(floors), read, size
 
 
-def growth(few: int, many: int) -> dict[str, tuple[float, float]]:
+def growth(
+    few: int, many: int, rounds: int = 9, tell: Callable[[str], None] | None = None
+) -> dict[str, tuple[float, float]]:
     """Compare what a small store costs with `few` scans and with `many`: to append, to open it and read the last scan.
 
-    Processor seconds, the least of several; both stores are asked in turn, so that the machine's mood is the same.
+    Medians of processor ms and of wall ms, and the kB that five commits write; both stores are asked in turn, so that
+    the machine's mood is the same. `tell` hears how far the filling is.
     """
     grid = Grid(20, 30, 0.05)
     rng = np.random.default_rng(1)
     base = relief(grid)
+    found: dict[str, dict[int, list[float]]] = {}
+
+    def cost(what: str, count: int, work: Callable[[], Any]) -> None:
+        wall, processor = perf_counter(), process_time()
+        work()
+        for unit, took in (("processor", process_time() - processor), ("wall", perf_counter() - wall)):
+            found.setdefault(f"{what}, {unit} ms", {}).setdefault(count, []).append(took * 1e3)
+
     with scratch() as folder:
         counts = dict.fromkeys((few, many), 0)
         stores = {
             count: create_store(folder / str(count), site="bench", grid=grid, metrics=METRICS) for count in counts
         }
 
-        def append(count: int) -> float:
-            tick = make_tick(grid, counts[count], rng, base)
-            began = process_time()
-            stores[count].append(tick)
+        def append(count: int) -> None:
+            stores[count].append(make_tick(grid, counts[count], rng, base))
             counts[count] += 1
-            return process_time() - began
-
-        def read(count: int) -> float:
-            began = process_time()
-            open_store(folder / str(count))[-1]
-            return process_time() - began
 
         for count in counts:
+            began, processor = perf_counter(), process_time()
             while counts[count] < count:
                 append(count)
-        reads: dict[int, list[float]] = {count: [] for count in counts}
-        appends: dict[int, list[float]] = {count: [] for count in counts}
-        for _ in range(9):
+                if tell is not None and counts[count] % 500 == 0:
+                    wall_ms, processor_ms = (perf_counter() - began) * 2, (process_time() - processor) * 2
+                    tell(
+                        f"{counts[count]:>6} scans: {processor_ms:5.1f} ms of processor each, {wall_ms:5.1f} ms of wall"
+                    )
+                    began, processor = perf_counter(), process_time()
+        sizes = {count: size_of(folder / str(count)) for count in counts}
+        for number in range(rounds):
             for count in counts:
-                reads[count].append(read(count))
-                appends[count].append(append(count))
+                if number == 5:
+                    sizes[count] = size_of(folder / str(count)) - sizes[count]
+                cost("append", count, lambda count=count: append(count))  # type: ignore[misc]  # bound now
+                cost("open and read the last scan", count, lambda count=count: open_store(folder / str(count))[-1])  # type: ignore[misc]  # bound now
         for store in stores.values():
             store.close()
-    return {
-        "append": (min(appends[few]), min(appends[many])),
-        "open and read the last scan": (min(reads[few]), min(reads[many])),
-    }
+    medians = {what: (median(costs[few]), median(costs[many])) for what, costs in found.items()}
+    return {**medians, "five commits, kB": (sizes[few] / 1e3, sizes[many] / 1e3)}
 
 
 def history_cost(scans: int = 1000) -> tuple[float, float]:
@@ -184,7 +194,7 @@ def history_cost(scans: int = 1000) -> tuple[float, float]:
         tail = coarse + rng.integers(-3, 4, (scans - folded, rows, columns)).astype(np.int16)
         written += [Rows("binned/height_tail", slot, 1, tail[slot : slot + 1]) for slot in range(len(tail))]
         for group in (written[:1], *([rows] for rows in written[1:])):  # in order: each lengthens the array
-            store._commit(lambda root, group=group: write_rows(root.store, group), "coarse", {})  # type: ignore[attr-defined]  # nobody waits for a thousand scans at full size
+            store._commit(lambda root, known, group=group: write_rows(root.store, group, known), "coarse", {})  # type: ignore[attr-defined]  # nobody waits for a thousand scans at full size
         store.close()
         sizes = sorted(path.stat().st_size for path in (folder / "s" / "chunks").iterdir())
         (folder / "long").write_bytes(bytes(sizes[-1]))
@@ -227,9 +237,7 @@ def main() -> None:
         print(f"  200 x 200  commit at scan {number:>3}: {seconds * 1e3:4.0f} ms, {size / 1e3:4.0f} kB")
     print("floor: the same cells, packed alike, in one npz, synced")
     for what, (few, many) in growth(WARM, 3 * LATE).items():
-        print(
-            f"  20 x 30   {what}: {few * 1e3:.1f} ms of processor with {WARM} scans, {many * 1e3:.1f} with {3 * LATE}"
-        )
+        print(f"  20 x 30   {what}: {few:.1f} with {WARM} scans, {many:.1f} with {3 * LATE}")
     took, floor = history_cost()
     print(
         f"  1440 x 2560  history of 8x8 cells over 1,000 scans: {took * 1e3:.0f} ms; "

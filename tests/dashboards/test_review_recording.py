@@ -16,8 +16,6 @@ from dashboards.metric_names import trend_groups
 from .drying import UNITS, DryingStore, drying_store
 from .take_screenshot import Looker, looker, missing_libraries
 
-pytestmark = pytest.mark.xdist_group("viewer")  # one viewer draws for all of them
-
 
 @pytest.fixture(scope="module")
 def recording(drying: DryingStore, tmp_path_factory: pytest.TempPathFactory) -> Path:

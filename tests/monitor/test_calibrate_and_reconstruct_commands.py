@@ -13,8 +13,6 @@ from pipelines import Calibration, Frames, PatternSet, parse_instant
 from pipelines.reconstruction import Lens, PoseResidual, describe_calibration, rms_verdict
 from storage import read_height_map, write_capture
 
-pytestmark = pytest.mark.xdist_group("calibrate")  # they share a calibration
-
 
 @pytest.fixture(scope="module")
 def data(shared_data: Path) -> Path:

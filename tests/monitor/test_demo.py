@@ -34,9 +34,6 @@ metrics: [net_volume, crack_opening, edge_lift]
 """
 
 
-pytestmark = pytest.mark.xdist_group("demo")  # one worker makes the small demo, once
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A demo of three scans."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,8 @@ from monitor.cli import run_tokens
 from monitor.visit import compare_with
 from pipelines import Grid, Scan
 from storage import create_store, open_store, read_height_map, read_raster, write_height_map
+
+from .campaigns import campaign_in
 
 GRID = Grid(60, 70, 0.1, -3.0, -2.0)
 START = np.datetime64("2026-11-22T21:00:00", "ns")
@@ -138,3 +141,25 @@ def test_a_campaigns_store_takes_no_map_into_its_past(here: Path, capfd: pytest.
     write_height_map(mound(0), here / "a.npz")
     assert run_tokens(["ingest", "s", "a.npz", "--pitch-mm", "1"]) == 2
     assert "--pitch-mm and --metric are for a new store" in capfd.readouterr().err
+
+
+def test_a_store_on_s3_and_a_campaign_whose_files_lie_elsewhere(
+    here: Path, s3_prefix: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    url = f"{s3_prefix}/my-site"
+    for number in range(3):
+        write_height_map(mound(number), here / f"{number}.npz")
+    for names in (["0.npz"], ["1.npz", "2.npz"]):
+        assert run_tokens(["ingest", url, *names]) == 0
+    assert open_store(url).about.site == "my site"
+    kept = campaign_in(here).model_dump(mode="json", by_alias=True, exclude_defaults=True)
+    text = json.dumps({**kept, "store": url, "patterns": "nowhere/patterns.yaml", "calibration": {"file": "c.json"}})
+    other = create_store(
+        f"{url}-2", site="x", grid=GRID, campaign=text, campaign_hash="abc", metrics={"net_volume": "mm3"}
+    )
+    other.close()
+    assert run_tokens(["ingest", f"{url}-2", "0.npz", "1.npz"]) == 0
+    capsys.readouterr()
+    assert run_tokens(["process", f"{url}-2"]) == 0
+    assert "2 no frames are kept" in capsys.readouterr().out
+    assert "settings abc" in open_store(f"{url}-2").events[-1].text

@@ -21,8 +21,6 @@ from pipelines.scenes import SCENES
 from storage import read_height_map, write_height_map
 from tests.pipelines.change.scans import bumps, sampled, scan_of
 
-pytestmark = pytest.mark.xdist_group("mosaic")
-
 SURFACE = bumps(seed=4)
 NOISE = 0.003
 

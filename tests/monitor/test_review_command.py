@@ -31,9 +31,6 @@ def empty_store(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return fill_store(DryingStore(full.about), tmp_path_factory.mktemp("campaign") / "empty.icechunk")
 
 
-pytestmark = pytest.mark.xdist_group("review")  # they share a store
-
-
 @dataclass
 class Ended:
     """How a call of the command line ended."""

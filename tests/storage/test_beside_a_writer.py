@@ -188,6 +188,8 @@ def _copy_live(folder: Path, copies: int) -> int:
             if number in (0, copies - 1):
                 check_whole(target)
             shutil.rmtree(target)
+            if number % 10 == 9:
+                print(f"{number + 1} copies, the last of {len(again)} scans: all open", flush=True)
     return behind
 
 
@@ -221,6 +223,8 @@ def _copy_live_bucket(url: str, copies: int) -> int:
             behind += bool([event for event in copy.events if event.kind == "lost"])
             if number in (0, copies - 1):
                 check_whole(f"{url}-{number}")
+            if number % 10 == 9:
+                print(f"{number + 1} copies, the last of {len(copy)} scans: all open", flush=True)
     return behind
 
 

@@ -28,10 +28,14 @@ def test_a_commit_costs_the_same_at_scan_300_as_at_scan_10() -> None:
 
 @pytest.mark.soak
 def test_ten_thousand_scans_cost_like_ten() -> None:
-    """An append, and opening a store and reading its last scan."""
-    for what, (few, many) in growth(10, 10_000).items():
-        print(f"\n{what}: {few * 1e3:.1f} ms of processor with 10 scans, {many * 1e3:.1f} ms with 10,000", end="")
-        assert many < 2 * few
+    """An append in time and bytes, and opening a store and reading its last scan."""
+    many = int(os.environ.get("MICRORELIEF_SOAK_SCANS", "10000"))
+    found = growth(10, many, rounds=25, tell=lambda line: print(line, flush=True))
+    for what, (few_cost, many_cost) in found.items():
+        print(f"{what}: {few_cost:.1f} with 10 scans, {many_cost:.1f} with {many}", flush=True)
+    for what, (few_cost, many_cost) in found.items():
+        if not what.endswith("wall ms"):  # other programs on the machine change it
+            assert many_cost < 2 * few_cost, what
 
 
 def _growth(folder: Path, scans: int, around_each: int) -> list[tuple[int, float, float, float, float]]:
@@ -81,16 +85,6 @@ def test_a_commit_stays_small(tmp_path: Path) -> None:
     rows = _growth(tmp_path / "s", 150, 20)
     _tell(rows)
     assert rows[-1][2] < 1.5 * rows[0][2], "bytes of a commit, beside chunks of their own"
-
-
-@pytest.mark.soak
-def test_ten_thousand_scans_cost_the_same_each(tmp_path: Path) -> None:
-    rows = _growth(tmp_path / "s", int(os.environ.get("MICRORELIEF_SOAK_SCANS", "10000")), 65)
-    _tell(rows)
-    first, last = rows[0], rows[-1]
-    assert last[1] < 2 * first[1], "a commit's processor time"
-    assert last[2] < 2 * first[2], "a commit's bytes"
-    assert last[3] + last[4] < 2 * (first[3] + first[4]), "to open and read the last scan"
 
 
 def test_a_commit_leaves_a_1_hz_video_its_time(tmp_path: Path) -> None:

@@ -155,7 +155,7 @@ def _kill_at_random(folder: Path, kills: int, seed: int) -> tuple[int, int]:
     random_moments = random.Random(seed)
     acknowledged = -1
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    for _ in range(kills):
+    for number in range(1, kills + 1):
         with subprocess.Popen(
             [sys.executable, "-c", WRITER, str(folder)], stdout=subprocess.PIPE, text=True, cwd=ROOT, env=environment
         ) as child:
@@ -169,6 +169,8 @@ def _kill_at_random(folder: Path, kills: int, seed: int) -> tuple[int, int]:
         store = open_store(folder)
         assert len(store) > acknowledged, "an acknowledged scan is lost"
         assert len(store) <= acknowledged + 2, "more than the one scan under way is there"
+        if number % 20 == 0:
+            print(f"{number} kills: {acknowledged + 1} scans acknowledged, {len(store)} found", flush=True)
     store = open_store(folder, write=True)
     assert not [event for event in store.events if event.kind in ("lost", "note")]
     assert store.append(tick(len(store))) == len(store) - 1

@@ -130,6 +130,7 @@ def test_one_writer_named_to_the_next(s3_prefix: str) -> None:
 
 
 def test_a_writer_that_was_asleep_is_refused_and_mixes_nothing(s3_prefix: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lease_module, "BEAT_S", 1e6)  # its thread sleeps too, however slow this machine is
     asleep = _made(s3_prefix, 1)
     monkeypatch.setattr(lease_module, "_alive", lambda record: None)
     monkeypatch.setattr(lease_module, "LEASE_S", 0.0)
@@ -288,7 +289,7 @@ def _kill_at_random(url: str, kills: int, seed: int) -> tuple[int, int]:
     moments = random.Random(seed)
     acknowledged = -1
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    for _ in range(kills):
+    for number in range(1, kills + 1):
         with subprocess.Popen(
             [sys.executable, "-c", WRITER, url], stdout=subprocess.PIPE, text=True, cwd=ROOT, env=environment
         ) as child:
@@ -302,6 +303,8 @@ def _kill_at_random(url: str, kills: int, seed: int) -> tuple[int, int]:
         store = open_store(url)
         assert len(store) > acknowledged, "an acknowledged scan is lost"
         assert len(store) <= acknowledged + 2, "more than the one scan under way is there"
+        if number % 20 == 0:
+            print(f"{number} kills: {acknowledged + 1} scans acknowledged, {len(store)} found", flush=True)
     store = open_store(url, write=True)
     assert not [event for event in store.events if event.kind == "lost"]
     assert store.append(failure(len(store))) is None

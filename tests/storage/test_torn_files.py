@@ -91,6 +91,8 @@ def test_opens_at_a_whole_snapshot(
         again = open_store(folder)
         assert (len(again), again[-1].planned) == (count + 1, at(count + 1))
         shutil.rmtree(folder)
+        if number % 25 == 24:
+            print(f"{kind or 'any'}: {number + 1} choices, scans found: {found}", flush=True)
     assert kind not in ("snapshots", "chunks", "manifests") or found[scans] == 0, "a torn file was not noticed"
     assert capfd.readouterr().err == "", "one event says it, no log of a library"
     print(f"{kind or 'any'}: {choices} choices among {len(files)} new files; scans found: {found}")

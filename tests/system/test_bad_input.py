@@ -25,8 +25,6 @@ from monitor.cli import run_tokens
 from pipelines import Calibration, Grid, Lens, PatternSet, Scan, Tick
 from storage import create_store, write_patterns
 
-pytestmark = pytest.mark.xdist_group("bad-input")  # one worker makes the folder, once
-
 CAMERA = (160, 120)
 PATTERNS = PatternSet("gray", (200, 120), bits=(8, 7))
 DISPARITY = 20

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import pytest
-
 from tests.benchmarks.bench_accuracy import calibrated, measure
-
-pytestmark = pytest.mark.xdist_group("accuracy")
 
 CAMERA = (960, 720)
 

@@ -15,8 +15,6 @@ from pipelines import Calibration, PatternSet, Scan, parse_instant
 from pipelines.reconstruction import Board, calibrate, footprint_grid, scan_frames
 from pipelines.scenes import Star
 
-pytestmark = pytest.mark.xdist_group("star")  # they share a calibration
-
 PATTERNS = PatternSet("gray", (608, 684))
 NOON = parse_instant("2026-11-22T12:00:00Z")
 CAMERA, FULL = (960, 720), (2560, 1440)

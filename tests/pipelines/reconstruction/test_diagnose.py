@@ -20,8 +20,6 @@ from storage import read_capture, read_patterns
 from .damage import Damaged, blurred, clipped, damaged
 from .synthetic_capture import slanted, take
 
-pytestmark = pytest.mark.xdist_group("diagnose")  # they share captures
-
 Stack = npt.NDArray[np.uint8]
 PATTERNS = PatternSet("gray", (608, 684))
 DOCS = Path(__file__).resolve().parents[3] / "docs" / "diagnose.md"

@@ -34,8 +34,6 @@ from pipelines.reconstruction.pinhole import undistort
 from pipelines.reconstruction.projector_corners import CornerMethod, inside, lattice_of, outline
 from storage import read_capture, read_patterns
 
-pytestmark = pytest.mark.xdist_group("known-captures")  # they share what takes seconds to decode
-
 Floats = npt.NDArray[np.float64]
 
 REAL = Board((7, 9), 75.0)
