@@ -11,9 +11,7 @@ from zoneinfo import ZoneInfo
 
 from pydantic import (
     AfterValidator,
-    BaseModel,
     BeforeValidator,
-    ConfigDict,
     Field,
     GetJsonSchemaHandler,
     PlainSerializer,
@@ -26,6 +24,8 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError
 
+from .alarm import Alarm
+from .settings import FolderPath, Number, Positive, Settings, Text, at_key, from_folder
 from .units import DURATION, Duration, format_duration, parse_duration
 
 __all__ = [
@@ -42,24 +42,6 @@ __all__ = [
     "StoreSettings",
     "Video",
 ]
-
-
-class _Settings(BaseModel):
-    """Frozen, and an unknown key is an error: a typo must never be a setting that does nothing."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-def _from_folder(path: Path, info: ValidationInfo) -> Path:
-    """Relative paths are relative to the campaign file, wherever the program was started."""
-    folder = (info.context or {}).get("folder")
-    return Path(folder) / path if folder is not None else path
-
-
-def _text(value: Any) -> Any:
-    if isinstance(value, str) and not value.strip():
-        raise ValueError("must not be empty")
-    return value
 
 
 def _mapping_or_file(value: Any) -> Any:
@@ -94,7 +76,7 @@ def _store_path(value: Any, info: ValidationInfo) -> Path | str:
     if not isinstance(value, str | Path) or not str(value).strip():
         raise ValueError("must be a folder, or s3://BUCKET/PREFIX")
     if "://" not in str(value):
-        return _from_folder(Path(value), info)
+        return from_folder(Path(value), info)
     if not re.fullmatch(_BUCKET_URL, str(value)):
         raise ValueError(f"{str(value)!r} is no place for a store: give a folder, or s3://BUCKET/PREFIX")
     return str(value).rstrip("/")
@@ -112,16 +94,12 @@ def _kept(value: Any) -> Any:
         raise ValueError(f"must be off, all, or how long, such as 30 days, not {value!r}") from None
 
 
-FolderPath = Annotated[Path, AfterValidator(_from_folder)]
 StorePath = Annotated[
     Path | str,
     PlainValidator(_store_path),
     PlainSerializer(str, return_type=str),
     WithJsonSchema({"type": "string", "examples": ["soil.icechunk", "s3://bucket/soil"]}),
 ]
-Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
-Positive = Annotated[float, Strict(), Field(gt=0, allow_inf_nan=False)]
-Text = Annotated[str, BeforeValidator(_text)]
 Moment = Annotated[
     datetime,
     BeforeValidator(_moment),
@@ -139,7 +117,7 @@ Patterns = Annotated[Mapping[str, Any] | FolderPath, BeforeValidator(_mapping_or
 Polygon = Annotated[tuple[Point, ...], Field(min_length=3)]
 
 
-class Site(_Settings):
+class Site(Settings):
     """Where the rig stands."""
 
     name: Text = Field(description="What people call the place; shown in reviews and reports.")
@@ -148,7 +126,7 @@ class Site(_Settings):
     )
 
 
-class StoreSettings(_Settings):
+class StoreSettings(Settings):
     """Where scans are kept. The path alone says it all: ``store: s3://bucket/site``."""
 
     path: StorePath = Field(
@@ -174,7 +152,7 @@ class StoreSettings(_Settings):
     @model_validator(mode="after")
     def _folder_of_what(self) -> Self:
         if isinstance(self.path, Path) and "folder" in self.model_fields_set:
-            raise _at(("folder",), "has no meaning beside a local store, whose ledger lies beside it")
+            raise at_key(("folder",), "has no meaning beside a local store, whose ledger lies beside it")
         return self
 
     @classmethod
@@ -189,14 +167,14 @@ class StoreSettings(_Settings):
         return self.path.parent if isinstance(self.path, Path) else self.folder
 
 
-class RigSettings(_Settings):
+class RigSettings(Settings):
     """What takes the captures."""
 
     name: Text = Field(description="Kind of rig.")
     options: Mapping[str, Any] = Field(default_factory=dict, description="Options of that kind of rig.")
 
 
-class Video(_Settings):
+class Video(Settings):
     """Continuous capture."""
 
     rate_hz: Positive = Field(description="Scans per second, 1 for one a second.", le=1000)
@@ -210,7 +188,7 @@ class Video(_Settings):
     )
 
 
-class Schedule(_Settings):
+class Schedule(Settings):
     """When to scan: exactly one of `every`, `cron` and `video`."""
 
     every: Duration | None = Field(default=None, description="A fixed interval, such as 6 h; at least 1 s.")
@@ -236,15 +214,15 @@ class Schedule(_Settings):
             names = " and ".join(given) if given else "none"
             raise PydanticCustomError("one_kind", f"needs exactly one of every, cron and video, not {names}")
         if self.every is not None and self.every.total_seconds() < 1:
-            raise _at(("every",), "must be at least 1 s: for more than one scan a second use video: {rate_hz: ...}")
+            raise at_key(("every",), "must be at least 1 s: for more than one scan a second use video: {rate_hz: ...}")
         if self.video is not None:
             for name in ("start", "grace"):
                 if getattr(self, name) is not None:
-                    raise _at((name,), "has no meaning with video, which starts when it is started")
+                    raise at_key((name,), "has no meaning with video, which starts when it is started")
         return self
 
 
-class CalibrationSource(_Settings):
+class CalibrationSource(Settings):
     """What places the points: a file, or for the simulated rig its own board."""
 
     file: FolderPath | None = Field(default=None, description="calibration.json of `microrelief calibrate`.")
@@ -261,7 +239,7 @@ class CalibrationSource(_Settings):
         return self
 
 
-class GridSettings(_Settings):
+class GridSettings(Settings):
     """The cells of the height maps."""
 
     pitch_mm: Positive | None = Field(
@@ -269,7 +247,7 @@ class GridSettings(_Settings):
     )
 
 
-class Reconstruct(_Settings):
+class Reconstruct(Settings):
     """How captures become height maps."""
 
     remove_background: bool = Field(
@@ -277,7 +255,7 @@ class Reconstruct(_Settings):
     )
 
 
-class Register(_Settings):
+class Register(Settings):
     """What holds still."""
 
     stable_mm: tuple[Polygon, ...] = Field(
@@ -287,97 +265,7 @@ class Register(_Settings):
     )
 
 
-Count = Annotated[int, Strict(), Field(ge=1)]
-LIMITS = ("warn_above", "alarm_above", "warn_below", "alarm_below")
-RATES = tuple(f"{name.replace('_', '_rate_')}_per_day" for name in LIMITS)
-
-
-class Alarm(_Settings):
-    """What raises an alarm on one metric, in the metric's unit: each part by itself, the gravest counts."""
-
-    name: Text = Field(description="Short name, shown to people.")
-    metric: Text = Field(description="One of `metrics`.")
-    unit: str | None = Field(default=None, description="Unit of the limits; checked against the metric's.")
-    warn_above: Number | None = Field(default=None, description="A greater value is a warning.")
-    alarm_above: Number | None = Field(default=None, description="A greater value is an alarm.")
-    warn_below: Number | None = Field(default=None, description="A smaller value is a warning.")
-    alarm_below: Number | None = Field(default=None, description="A smaller value is an alarm.")
-    confirm: tuple[Count, Count] = Field(
-        default=(1, 1), description="[m, n]: the limits count once m of the newest n values are beyond them."
-    )
-    clear_by: Annotated[float, Strict(), Field(ge=0, allow_inf_nan=False)] = Field(
-        default=0.0, description="What was raised falls back only once the value is so far inside its limit."
-    )
-    warn_rate_above_per_day: Number | None = Field(
-        default=None, description="A rate whose whole 95 % interval is greater is a warning."
-    )
-    alarm_rate_above_per_day: Number | None = Field(
-        default=None, description="A rate whose whole 95 % interval is greater is an alarm."
-    )
-    warn_rate_below_per_day: Number | None = Field(
-        default=None, description="A rate whose whole 95 % interval is smaller (more negative) is a warning."
-    )
-    alarm_rate_below_per_day: Number | None = Field(
-        default=None, description="A rate whose whole 95 % interval is smaller (more negative) is an alarm."
-    )
-    within_days: Positive | None = Field(
-        default=None, description="A warning if the trend, which must be certain, reaches a limit within so many days."
-    )
-    window_days: Positive | None = Field(
-        default=None, description="Rate and trend are of so many days back; without it, since the baseline."
-    )
-    chart: Literal["cusum", "ewma"] | None = Field(
-        default=None,
-        description="A warning where the values change against those before, found by a control chart: cusum finds "
-        "lasting changes, ewma also drifts.",
-    )
-    chart_model: Literal["level", "line"] | None = Field(
-        default=None, description="What the chart takes for no change: a level (unless given), or a steady rate."
-    )
-    false_alarm_every_scans: Annotated[float, Strict(), Field(ge=10, le=100_000)] | None = Field(
-        default=None,
-        description="Of the chart: scans between two false alarms in the mean while nothing changes; 370 unless given.",
-    )
-    no_data_after_slots: Count = Field(
-        default=3, description="No data is an alarm: after so many slots in a row without a value that can be judged."
-    )
-
-    @model_validator(mode="after")
-    def _limits(self) -> Self:
-        given = {name for name in (*LIMITS, *RATES) if getattr(self, name) is not None}
-        if not given and self.chart is None:
-            raise PydanticCustomError(
-                "no_limit",
-                "needs a limit: warn_above, alarm_above, warn_below or alarm_below, one of a rate such as "
-                "warn_rate_above_per_day, or a chart",
-            )
-        for part in ("", "_rate"):
-            for side, wrong in (("above", "above"), ("below", "below")):
-                warn, alarm = (f"{grade}{part}_{side}{'_per_day' if part else ''}" for grade in ("warn", "alarm"))
-                first, last = getattr(self, warn), getattr(self, alarm)
-                if first is not None and last is not None and (first > last if side == "above" else first < last):
-                    raise _at((warn,), f"must not be {wrong} {alarm}, {last:g}")
-        for name, needed in (
-            ("within_days", LIMITS),
-            ("clear_by", LIMITS),
-            ("confirm", LIMITS),
-            ("window_days", (*RATES, "within_days")),
-            ("chart_model", ("chart",)),
-            ("false_alarm_every_scans", ("chart",)),
-        ):
-            if name in self.model_fields_set and all(getattr(self, other) is None for other in needed):
-                raise _at((name,), f"has no meaning without {' or '.join(_short(needed))}")
-        if self.confirm[0] > self.confirm[1]:
-            raise _at(("confirm",), f"is [m, n] with m of the newest n values: {self.confirm[0]} of {self.confirm[1]}?")
-        return self
-
-
-def _short(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Name a few of many."""
-    return names if len(names) < 3 else (f"a limit such as {names[1]}", *(name for name in names[4:] if name[0] == "w"))
-
-
-class Retain(_Settings):
+class Retain(Settings):
     """What is kept beside the height maps."""
 
     raw_frames: Kept = Field(
@@ -387,7 +275,7 @@ class Retain(_Settings):
     )
 
 
-class Campaign(_Settings):
+class Campaign(Settings):
     """One site, one rig, one schedule, one recipe."""
 
     site: Site
@@ -414,18 +302,18 @@ class Campaign(_Settings):
         seen: set[str] = set()
         for index, name in enumerate(self.metrics):
             if name in seen:
-                raise _at(("metrics", index), f"{name!r} is given twice")
+                raise at_key(("metrics", index), f"{name!r} is given twice")
             seen.add(name)
         names: set[str] = set()
         for index, alarm in enumerate(self.alarms):
             if alarm.name in names:
-                raise _at(("alarms", index, "name"), f"{alarm.name!r} is given twice")
+                raise at_key(("alarms", index, "name"), f"{alarm.name!r} is given twice")
             names.add(alarm.name)
             if alarm.metric not in self.metrics:
-                raise _at(("alarms", index, "metric"), f"{alarm.metric!r} is not among this campaign's metrics")
+                raise at_key(("alarms", index, "metric"), f"{alarm.metric!r} is not among this campaign's metrics")
         start, until = self.start, self.until
         if start is not None and until is not None and until < start:
-            raise _at(("schedule", "until"), "lies before start")
+            raise at_key(("schedule", "until"), "lies before start")
         return self
 
     @property
@@ -442,8 +330,3 @@ class Campaign(_Settings):
         if moment is not None and moment.tzinfo is None:
             moment = moment.replace(tzinfo=ZoneInfo(self.site.zone))
         return moment.astimezone(UTC) if moment is not None else None
-
-
-def _at(route: tuple[str | int, ...], text: str) -> PydanticCustomError:
-    """A problem that belongs to a value below the model that found it."""
-    return PydanticCustomError("at", "{text}", {"text": text, "route": list(route)})

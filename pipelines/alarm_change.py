@@ -137,7 +137,9 @@ def standing_alarms(
     dict of str to StandingAlarm
         Alarms of the newest scan, in their order, and such as were only told of since.
     """
-    told = sorted((*alarm_changes(events := tuple(events)), *acknowledgements(events)), key=lambda each: each.time)
+    events = tuple(events)
+    told: list[AlarmChange | Acknowledgement] = [*alarm_changes(events), *acknowledgements(events)]
+    told.sort(key=lambda each: each.time)
     standing = {name: StandingAlarm(name, "ok") for name in newest}
     for each in told:
         known = standing.get(each.name)

@@ -15,6 +15,7 @@ from .pattern_file import read_patterns, write_patterns
 from .point_file import holds_points, read_points
 from .rework import Rework
 from .room import BYTES_PER_CELL, Room, full_at, room_of, used_bytes
+from .scan_table import ScanTable, scan_table
 from .spread import Spread, engine
 from .stage_file import StageFile, StagePosition, read_stage
 from .store import About, Store, Stored
@@ -33,6 +34,7 @@ __all__ = [
     "LedgerWriteError",
     "Rework",
     "Room",
+    "ScanTable",
     "SlotState",
     "Snapshot",
     "Spread",
@@ -66,6 +68,7 @@ __all__ = [
     "read_stage",
     "room_of",
     "scan_of",
+    "scan_table",
     "snapshots",
     "statistics",
     "store_exists",

@@ -69,7 +69,7 @@ class Charted(NamedTuple):
     the threshold, `quiet` how many values ago the chart last signalled (-1: never, 0: now).
     """
 
-    count: int = 0
+    known: int = 0
     day: float = 0.0
     value: float = 0.0
     day_squares: float = 0.0
@@ -132,7 +132,7 @@ def _learned(before: Charted, day: float, value: float, model: Model) -> tuple[f
     """
     from scipy.special import ndtri, stdtr
 
-    count, away = before.count, day - before.day
+    count, away = before.known, day - before.day
     residual, squares, freedom = math.nan, before.squares, before.freedom
     line = model == "line"
     if count >= (2 if line else 1) and not (line and before.day_squares <= 0):
@@ -147,7 +147,7 @@ def _learned(before: Charted, day: float, value: float, model: Model) -> tuple[f
         squares, freedom = squares + step * step, freedom + 1
     mean_day, off = before.day + away / (count + 1), value - before.value
     return residual, before._replace(
-        count=count + 1,
+        known=count + 1,
         day=mean_day,
         value=before.value + off / (count + 1),
         day_squares=before.day_squares + away * (day - mean_day),
