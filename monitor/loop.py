@@ -13,7 +13,7 @@ import structlog
 
 from configs import CaptureError, DeviceUnavailable
 from pipelines import Frames, Instant, Tick, format_instant
-from storage import Store
+from storage import Inbox, Store
 
 from . import __version__
 from .alarms import Watches, after_gap, resumed, told
@@ -130,6 +130,8 @@ class Loop:
         What the note of the beginning says of the campaign.
     notes : bool
         Note the beginning and the end in the store; a single scan is neither.
+    inbox : Inbox, optional
+        Where other processes leave events for the store, such as acknowledgements.
     room : callable
         Says why the disk has no room for another scan; empty where it has.
     commit_every_s : float
@@ -152,6 +154,7 @@ class Loop:
     notes: bool = True
     rig_is_open: bool = False
     room: Callable[[], str] = lambda: ""
+    inbox: Inbox | None = None
     commit_every_s: float = 0.0
     _commits: Committer = field(init=False)
     _epoch: Epoch | None = None
@@ -184,10 +187,12 @@ class Loop:
             self.clock.wait_until(slot, self.stop)
             if self.stop.is_set():
                 break
+            self._take_in()
             slot = self._newest_due(slot)
             if slot is not None:
                 self._visit(slot)
                 visits += 1
+        self._take_in()
         self._commits.flush()
         why = "asked to stop" if self.stop.is_set() else "visits done" if visits == max_scans else "schedule over"
         self._note(f"{ENDED}: {why}, {self._counts['taken']} taken")
@@ -199,6 +204,15 @@ class Loop:
             return
         self._commits.note(self.clock.now(), "note", text)
         self._commits.flush()
+
+    def _take_in(self) -> None:
+        """Put into the store what others left for it."""
+        waiting = self.inbox.waiting() if self.inbox is not None else ()
+        if self.inbox is None or not waiting:
+            return
+        inbox, files = self.inbox, [file for file, _ in waiting]
+        tick = Tick(self.clock.now(), events=tuple(event for _, event in waiting))
+        self._commits.add(tick, lambda number, why: None if why else inbox.taken(files), at_once=True)
 
     def _newest_due(self, slot: Instant) -> Instant | None:
         """Of all slots that are due, miss all but the newest, and that too if its grace is over."""

@@ -7,6 +7,7 @@ from .durable import whole_file
 from .exporters import write_change, write_height_map, write_points, write_series
 from .history import cell_history, find_scan, line_history
 from .importers import read_height_map, read_raster, scan_of
+from .inbox import Inbox
 from .ledger import Ledger, LedgerAddress, LedgerRow, LedgerWriteError, SlotState, ledger_beside
 from .location import store_exists, writer_of
 from .network import network_file_system
@@ -28,6 +29,7 @@ __all__ = [
     "About",
     "Collected",
     "Finding",
+    "Inbox",
     "Ledger",
     "LedgerAddress",
     "LedgerRow",
