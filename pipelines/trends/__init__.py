@@ -2,9 +2,12 @@
 
 from .alarm_rule import AlarmRule, Decision
 from .alarm_state import ALARM_STATES, AlarmState
+from .change_points import ChangePoint, change_points
 from .control import Chart, Charted, ControlChart, Model, charted, control_chart, run_length, threshold
+from .environment import Corrected, Effect, correct_for
 from .forecast import TimeToLimit, time_to_limit
 from .limits import Limits, judge, worst_state
+from .rates import RateMoments
 from .trend import Trend, trend
 from .watch import Watch, decide, remembered, silent, watched
 
@@ -12,17 +15,23 @@ __all__ = [
     "ALARM_STATES",
     "AlarmRule",
     "AlarmState",
+    "ChangePoint",
     "Chart",
     "Charted",
     "ControlChart",
+    "Corrected",
     "Decision",
+    "Effect",
     "Limits",
     "Model",
+    "RateMoments",
     "TimeToLimit",
     "Trend",
     "Watch",
+    "change_points",
     "charted",
     "control_chart",
+    "correct_for",
     "decide",
     "judge",
     "remembered",

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +14,7 @@ from .alarm_state import AlarmState
 from .control import Charted, charted, threshold
 from .forecast import time_to_limit
 from .limits import Limits, judge, worst_state
-from .trend import Trend, trend
+from .trend import Trend, thinned, trend
 
 __all__ = ["Watch", "decide", "remembered", "silent", "watched"]
 
@@ -156,7 +155,8 @@ def _parts(rule: AlarmRule, watch: Watch) -> Iterator[Decision]:
         if rule.window_days is not None:  # values for `confirm` may reach back farther
             window = np.timedelta64(round(rule.window_days * 86_400_000), "ms")
             since = int(np.searchsorted(watch.times, watch.times[-1] - window))
-        times, values, sigmas = _thinned(watch.times[since:], watch.values[since:], watch.sigmas[since:])
+        recent = watch.times[since:], watch.values[since:], watch.sigmas[since:]
+        times, values, sigmas = thinned(*recent, MOST_IN_A_TREND)
         line = trend(times, values, sigmas)
         if rule.rate is not None:
             yield _by_rate(line, rule.rate, rule.unit)
@@ -169,17 +169,6 @@ def _parts(rule: AlarmRule, watch: Watch) -> Iterator[Decision]:
         when = "" if ago == 0 else f", {ago} {'value' if ago == 1 else 'values'} ago"
         every = f"by chance once in {rule.false_alarm_every:g} values"
         yield Decision("warning", f"the {what} has changed{when} ({rule.chart.upper()}, {every})")
-
-
-def _thinned(times: Times, values: Floats, sigmas: Floats) -> tuple[Times, Floats, Floats]:
-    """Take medians of runs of values where there are many; a run is as sure as one of its values, for errors repeat."""
-    if len(times) <= MOST_IN_A_TREND:
-        return times, values, sigmas
-    edges = np.linspace(0, len(times), MOST_IN_A_TREND + 1).astype(np.intp)
-    runs = [slice(start, stop) for start, stop in pairwise(edges.tolist())]
-    middle = np.array([times[run.start] + (times[run.stop - 1] - times[run.start]) // 2 for run in runs])
-    both = [np.array([np.median(array[run]) for run in runs]) for array in (values, sigmas)]
-    return middle, both[0], both[1]
 
 
 def _value_state(rule: AlarmRule, limits: Limits, values: Floats, sigmas: Floats, before: AlarmState) -> AlarmState:
