@@ -11,9 +11,7 @@ from zoneinfo import ZoneInfo
 
 from pydantic import (
     AfterValidator,
-    BaseModel,
     BeforeValidator,
-    ConfigDict,
     Field,
     GetJsonSchemaHandler,
     PlainSerializer,
@@ -26,6 +24,8 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError
 
+from .alarm import Alarm
+from .settings import FolderPath, Number, Positive, Settings, Text, at_key, from_folder
 from .units import DURATION, Duration, format_duration, parse_duration
 
 __all__ = [
@@ -42,24 +42,6 @@ __all__ = [
     "StoreSettings",
     "Video",
 ]
-
-
-class _Settings(BaseModel):
-    """Frozen, and an unknown key is an error: a typo must never be a setting that does nothing."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-def _from_folder(path: Path, info: ValidationInfo) -> Path:
-    """Relative paths are relative to the campaign file, wherever the program was started."""
-    folder = (info.context or {}).get("folder")
-    return Path(folder) / path if folder is not None else path
-
-
-def _text(value: Any) -> Any:
-    if isinstance(value, str) and not value.strip():
-        raise ValueError("must not be empty")
-    return value
 
 
 def _mapping_or_file(value: Any) -> Any:
@@ -94,7 +76,7 @@ def _store_path(value: Any, info: ValidationInfo) -> Path | str:
     if not isinstance(value, str | Path) or not str(value).strip():
         raise ValueError("must be a folder, or s3://BUCKET/PREFIX")
     if "://" not in str(value):
-        return _from_folder(Path(value), info)
+        return from_folder(Path(value), info)
     if not re.fullmatch(_BUCKET_URL, str(value)):
         raise ValueError(f"{str(value)!r} is no place for a store: give a folder, or s3://BUCKET/PREFIX")
     return str(value).rstrip("/")
@@ -112,16 +94,12 @@ def _kept(value: Any) -> Any:
         raise ValueError(f"must be off, all, or how long, such as 30 days, not {value!r}") from None
 
 
-FolderPath = Annotated[Path, AfterValidator(_from_folder)]
 StorePath = Annotated[
     Path | str,
     PlainValidator(_store_path),
     PlainSerializer(str, return_type=str),
     WithJsonSchema({"type": "string", "examples": ["soil.icechunk", "s3://bucket/soil"]}),
 ]
-Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
-Positive = Annotated[float, Strict(), Field(gt=0, allow_inf_nan=False)]
-Text = Annotated[str, BeforeValidator(_text)]
 Moment = Annotated[
     datetime,
     BeforeValidator(_moment),
@@ -139,7 +117,7 @@ Patterns = Annotated[Mapping[str, Any] | FolderPath, BeforeValidator(_mapping_or
 Polygon = Annotated[tuple[Point, ...], Field(min_length=3)]
 
 
-class Site(_Settings):
+class Site(Settings):
     """Where the rig stands."""
 
     name: Text = Field(description="What people call the place; shown in reviews and reports.")
@@ -148,7 +126,7 @@ class Site(_Settings):
     )
 
 
-class StoreSettings(_Settings):
+class StoreSettings(Settings):
     """Where scans are kept. The path alone says it all: ``store: s3://bucket/site``."""
 
     path: StorePath = Field(
@@ -174,7 +152,7 @@ class StoreSettings(_Settings):
     @model_validator(mode="after")
     def _folder_of_what(self) -> Self:
         if isinstance(self.path, Path) and "folder" in self.model_fields_set:
-            raise _at(("folder",), "has no meaning beside a local store, whose ledger lies beside it")
+            raise at_key(("folder",), "has no meaning beside a local store, whose ledger lies beside it")
         return self
 
     @classmethod
@@ -189,14 +167,14 @@ class StoreSettings(_Settings):
         return self.path.parent if isinstance(self.path, Path) else self.folder
 
 
-class RigSettings(_Settings):
+class RigSettings(Settings):
     """What takes the captures."""
 
     name: Text = Field(description="Kind of rig.")
     options: Mapping[str, Any] = Field(default_factory=dict, description="Options of that kind of rig.")
 
 
-class Video(_Settings):
+class Video(Settings):
     """Continuous capture."""
 
     rate_hz: Positive = Field(description="Scans per second, 1 for one a second.", le=1000)
@@ -210,7 +188,7 @@ class Video(_Settings):
     )
 
 
-class Schedule(_Settings):
+class Schedule(Settings):
     """When to scan: exactly one of `every`, `cron` and `video`."""
 
     every: Duration | None = Field(default=None, description="A fixed interval, such as 6 h; at least 1 s.")
@@ -236,15 +214,15 @@ class Schedule(_Settings):
             names = " and ".join(given) if given else "none"
             raise PydanticCustomError("one_kind", f"needs exactly one of every, cron and video, not {names}")
         if self.every is not None and self.every.total_seconds() < 1:
-            raise _at(("every",), "must be at least 1 s: for more than one scan a second use video: {rate_hz: ...}")
+            raise at_key(("every",), "must be at least 1 s: for more than one scan a second use video: {rate_hz: ...}")
         if self.video is not None:
             for name in ("start", "grace"):
                 if getattr(self, name) is not None:
-                    raise _at((name,), "has no meaning with video, which starts when it is started")
+                    raise at_key((name,), "has no meaning with video, which starts when it is started")
         return self
 
 
-class CalibrationSource(_Settings):
+class CalibrationSource(Settings):
     """What places the points: a file, or for the simulated rig its own board."""
 
     file: FolderPath | None = Field(default=None, description="calibration.json of `microrelief calibrate`.")
@@ -261,7 +239,7 @@ class CalibrationSource(_Settings):
         return self
 
 
-class GridSettings(_Settings):
+class GridSettings(Settings):
     """The cells of the height maps."""
 
     pitch_mm: Positive | None = Field(
@@ -269,7 +247,7 @@ class GridSettings(_Settings):
     )
 
 
-class Reconstruct(_Settings):
+class Reconstruct(Settings):
     """How captures become height maps."""
 
     remove_background: bool = Field(
@@ -277,7 +255,7 @@ class Reconstruct(_Settings):
     )
 
 
-class Register(_Settings):
+class Register(Settings):
     """What holds still."""
 
     stable_mm: tuple[Polygon, ...] = Field(
@@ -287,29 +265,7 @@ class Register(_Settings):
     )
 
 
-class Alarm(_Settings):
-    """Limits of one metric, in the metric's unit."""
-
-    name: Text = Field(description="Short name, shown to people.")
-    metric: Text = Field(description="One of `metrics`.")
-    unit: str | None = Field(default=None, description="Unit of the limits; checked against the metric's.")
-    warn_above: Number | None = None
-    alarm_above: Number | None = None
-    warn_below: Number | None = None
-    alarm_below: Number | None = None
-
-    @model_validator(mode="after")
-    def _limits(self) -> Self:
-        if all(getattr(self, name) is None for name in ("warn_above", "alarm_above", "warn_below", "alarm_below")):
-            raise PydanticCustomError("no_limit", "needs a limit: warn_above, alarm_above, warn_below or alarm_below")
-        if self.warn_above is not None and self.alarm_above is not None and self.warn_above > self.alarm_above:
-            raise _at(("warn_above",), f"must not be above alarm_above, {self.alarm_above:g}")
-        if self.warn_below is not None and self.alarm_below is not None and self.warn_below < self.alarm_below:
-            raise _at(("warn_below",), f"must not be below alarm_below, {self.alarm_below:g}")
-        return self
-
-
-class Retain(_Settings):
+class Retain(Settings):
     """What is kept beside the height maps."""
 
     raw_frames: Kept = Field(
@@ -319,7 +275,7 @@ class Retain(_Settings):
     )
 
 
-class Campaign(_Settings):
+class Campaign(Settings):
     """One site, one rig, one schedule, one recipe."""
 
     site: Site
@@ -346,18 +302,18 @@ class Campaign(_Settings):
         seen: set[str] = set()
         for index, name in enumerate(self.metrics):
             if name in seen:
-                raise _at(("metrics", index), f"{name!r} is given twice")
+                raise at_key(("metrics", index), f"{name!r} is given twice")
             seen.add(name)
         names: set[str] = set()
         for index, alarm in enumerate(self.alarms):
             if alarm.name in names:
-                raise _at(("alarms", index, "name"), f"{alarm.name!r} is given twice")
+                raise at_key(("alarms", index, "name"), f"{alarm.name!r} is given twice")
             names.add(alarm.name)
             if alarm.metric not in self.metrics:
-                raise _at(("alarms", index, "metric"), f"{alarm.metric!r} is not among this campaign's metrics")
+                raise at_key(("alarms", index, "metric"), f"{alarm.metric!r} is not among this campaign's metrics")
         start, until = self.start, self.until
         if start is not None and until is not None and until < start:
-            raise _at(("schedule", "until"), "lies before start")
+            raise at_key(("schedule", "until"), "lies before start")
         return self
 
     @property
@@ -374,8 +330,3 @@ class Campaign(_Settings):
         if moment is not None and moment.tzinfo is None:
             moment = moment.replace(tzinfo=ZoneInfo(self.site.zone))
         return moment.astimezone(UTC) if moment is not None else None
-
-
-def _at(route: tuple[str | int, ...], text: str) -> PydanticCustomError:
-    """A problem that belongs to a value below the model that found it."""
-    return PydanticCustomError("at", "{text}", {"text": text, "route": list(route)})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 __all__ = ["AlarmLimits", "Line", "alarm_limits"]
 
@@ -18,11 +19,12 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class AlarmLimits:
-    """An alarm of the campaign: its name, its metric and its limits."""
+    """An alarm of the campaign: its name, its metric, its limits, and the rest of its rule in words."""
 
     name: str
     metric: str
     lines: tuple[Line, ...]
+    rules: tuple[str, ...] = ()
 
 
 def alarm_limits(campaign: str) -> tuple[AlarmLimits, ...]:
@@ -54,5 +56,34 @@ def alarm_limits(campaign: str) -> tuple[AlarmLimits, ...]:
             )
             if isinstance(alarm.get(key), int | float)
         ]
-        found.append(AlarmLimits(str(alarm.get("name", alarm["metric"])), alarm["metric"], tuple(lines)))
+        found.append(AlarmLimits(str(alarm.get("name", alarm["metric"])), alarm["metric"], tuple(lines), _rules(alarm)))
     return tuple(found)
+
+
+def _rules(alarm: dict[str, Any]) -> tuple[str, ...]:
+    """Say what else raises an alarm than a limit of the value, and how it falls back."""
+
+    def number(key: str) -> str:
+        value = alarm.get(key)
+        return f"{value:g}" if isinstance(value, int | float) and not isinstance(value, bool) else ""
+
+    words = []
+    back = f" over {number('window_days')} days" if number("window_days") else ""
+    for grade in ("warn", "alarm"):
+        for side in ("above", "below"):
+            rate = number(f"{grade}_rate_{side}_per_day")
+            if rate:
+                words.append(f"{'warning' if grade == 'warn' else grade} {side} {rate} per day{back}")
+    if number("within_days"):
+        words.append(f"warning if the trend{back} reaches a limit within {number('within_days')} days")
+    chart = alarm.get("chart")
+    if isinstance(chart, str):
+        every = number("false_alarm_every_scans") or "370"
+        words.append(f"{chart.upper()} chart, one false alarm in {every} scans")
+    confirm = alarm.get("confirm")
+    if isinstance(confirm, list) and len(confirm) == 2:
+        words.append(f"{confirm[0]} of {confirm[1]} values must be beyond a limit")
+    if number("clear_by"):
+        words.append(f"falls back {number('clear_by')} inside its limit")
+    words.append(f"no data after {number('no_data_after_slots') or '3'} slots")
+    return tuple(words)

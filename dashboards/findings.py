@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from pipelines import AlarmState, Event, Instant, Measurement
-from storage import About, Store, Stored
+from pipelines import AlarmState, Event, Instant, Measurement, StandingAlarm, standing_alarms
+from storage import About, Inbox, Store, Stored
 
 from .alarm_limits import AlarmLimits, alarm_limits
 from .metric_names import Named, name_metric
@@ -56,6 +56,7 @@ class Findings:
     limits : tuple of AlarmLimits
     visits : tuple of Visit
     events : tuple of Event
+        With acknowledgements that the store's writer has yet to take in.
     quality : tuple of Quality
         Of every scan, or of an even sample of a very long campaign.
     """
@@ -75,8 +76,16 @@ class Findings:
 
     @property
     def alarms(self) -> Mapping[str, AlarmState]:
-        """State of each alarm after the newest scan."""
-        return self.last.alarms if self.last is not None else {}
+        """State of each alarm, after the newest scan or the slots since that gave none."""
+        return {name: alarm.state for name, alarm in self.standing.items()}
+
+    @property
+    def standing(self) -> Mapping[str, StandingAlarm]:
+        """Where each alarm stands, since when, why, and who has acknowledged it."""
+        newest = self.last
+        return standing_alarms(
+            newest.alarms if newest is not None else {}, newest.scan.time if newest is not None else None, self.events
+        )
 
     def measured(self, metric: str) -> tuple[np.ndarray, np.ndarray]:
         """Values and standard uncertainties of one metric, shape (scans,) each, NaN where not measured."""
@@ -119,6 +128,7 @@ def gather(store: Store, *, progress: Callable[[int, int], None] | None = None) 
     last = store[total - 1] if total else None
     first = store[last.baseline] if last is not None else None
     series = store.series()
+    waiting = (event for _, event in Inbox(about.location).waiting())
     return Findings(
         about=about,
         scans=total,
@@ -130,7 +140,7 @@ def gather(store: Store, *, progress: Callable[[int, int], None] | None = None) 
         metrics=tuple(name_metric(name, unit) for name, unit in about.metrics.items()),
         limits=alarm_limits(about.campaign),
         visits=visits(store, planned if len(chosen) == total else None),
-        events=store.events,
+        events=(*store.events, *waiting),
         quality=tuple(quality),
     )
 

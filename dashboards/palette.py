@@ -14,6 +14,7 @@ import numpy.typing as npt
 from pipelines import AlarmState
 
 __all__ = [
+    "ACKNOWLEDGED",
     "BELOW_DETECTION",
     "CHANGE_SCALE",
     "HEIGHT_SCALE",
@@ -67,6 +68,9 @@ STATE_COLOURS: dict[AlarmState, Rgb] = {
     "alarm": (213, 94, 0),
     "no data": (138, 141, 145),
 }
+
+ACKNOWLEDGED: Rgb = (204, 121, 167)
+"""An alarm that somebody has seen, until it changes again."""
 
 VISIT_COLOURS: dict[str, Rgb] = {
     "taken": (0, 114, 178),

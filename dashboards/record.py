@@ -14,13 +14,13 @@ import numpy as np
 import pandas as pd
 
 from configs import InputError, StoreError
-from pipelines import ALARM_STATES, Event, Instant
+from pipelines import ALARM_STATES, Event, Instant, acknowledgements, alarm_changes
 from storage import Store, Stored
 
 from . import paths
 from .blueprint import MOST_MAP_CELLS, Layout, review_blueprint
 from .metric_names import TrendGroup, trend_groups
-from .palette import CHANGE_SCALE, HEIGHT_SCALE, SERIES, STATE_COLOURS, VISIT_COLOURS, Rgb, colour_table
+from .palette import ACKNOWLEDGED, CHANGE_SCALE, HEIGHT_SCALE, SERIES, STATE_COLOURS, VISIT_COLOURS, Rgb, colour_table
 from .quantities import day_and_time, plain, unit_text
 from .raster import Range, change_png, height_png, round_limit, texture_png
 from .surface import surface, triangles
@@ -91,6 +91,7 @@ def record_review(store: Store, file: Path, *, progress: Progress | None = None)
         settled = visits(store, planned)
         _log_trends(stream, series, layout.trends, [visit.planned for visit in settled if visit.state != "taken"])
         _log_visits(stream, settled, times)
+        _log_alarms_between(stream, store.events, times)
         for event in store.events:
             _log_event(stream, event, times)
     finally:
@@ -210,12 +211,27 @@ def _log_alarms(stream: rr.RecordingStream, stored: Stored, last: dict[str, str]
         path = paths.alarm(name)
         if name not in last:
             looks = rr.StateConfiguration(
-                values=list(ALARM_STATES), colors=[STATE_COLOURS[known] for known in ALARM_STATES]
+                values=[*ALARM_STATES, "acknowledged"],
+                colors=[*(STATE_COLOURS[known] for known in ALARM_STATES), ACKNOWLEDGED],
             )
             stream.log(path, looks, static=True)
         if last.get(name) != state:
             stream.log(path, rr.StateChange(state=state))
             last[name] = state
+
+
+def _log_alarms_between(stream: rr.RecordingStream, events: Sequence[Event], times: list[Instant]) -> None:
+    """Log what became of alarms between scans: no data after slots that gave none, and acknowledgements."""
+    import rerun as rr
+
+    scans = set(times)
+    for change in alarm_changes(events):
+        if change.time not in scans:
+            _set_times(stream, change.time, _scan_at(change.time, times))
+            stream.log(paths.alarm(change.name), rr.StateChange(state=change.after))
+    for seen in acknowledgements(events):
+        _set_times(stream, seen.time, _scan_at(seen.time, times))
+        stream.log(paths.alarm(seen.name), rr.StateChange(state="acknowledged"))
 
 
 def _log_trends(

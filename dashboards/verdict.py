@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from .findings import Findings
 from .quantities import day_and_time, plain, unit_text, with_uncertainty
 from .section import Tone
@@ -30,15 +32,16 @@ class Verdict:
 def judge_findings(findings: Findings) -> Verdict:
     """Weigh alarms, visits and registration of a campaign.
 
-    Red: an alarm stands after the newest scan. Amber: a warning stands, an alarm has no data, the store lost scans, the
-    newest visit yielded nothing, or the newest scan's registration is not to be trusted. Green: none of these. No data:
-    no scan at all.
+    Red: an alarm stands or has no data, acknowledged or not. Amber: a warning stands, an alarm was never measured, the
+    store lost scans, the newest visit yielded nothing, or the newest scan's registration is not to be trusted. Green:
+    none of these. No data: no scan at all.
     """
     if findings.last is None:
         return Verdict("no data", _WORDS["no data"], _why_nothing(findings))
     red = [_alarm_text(findings, name) for name, state in findings.alarms.items() if state == "alarm"]
+    red += [_no_data_text(findings, name) for name, state in findings.alarms.items() if state == "no data"]
     amber = [_alarm_text(findings, name) for name, state in findings.alarms.items() if state == "warning"]
-    amber += [f"{name}: no data." for name, state in findings.alarms.items() if state == "no data"]
+    amber += _never_measured(findings)
     amber += [f"Scans were lost, {day_and_time(e.time)}: {e.text}." for e in findings.events if e.kind == "lost"]
     newest = findings.visits[-1] if findings.visits else None
     if newest is not None and newest.state != "taken":
@@ -55,6 +58,30 @@ def judge_findings(findings: Findings) -> Verdict:
     watched = len(findings.alarms)
     within = "The one alarm is within its limits." if watched == 1 else f"All {watched} alarms are within their limits."
     return Verdict("green", _WORDS["green"], (within if watched else "No alarm is set; the newest scan was measured.",))
+
+
+def _no_data_text(findings: Findings, name: str) -> str:
+    alarm = findings.standing[name]
+    return f"{name}: no data{', ' + alarm.why if alarm.why else ''}.{_seen(findings, name)}"
+
+
+def _never_measured(findings: Findings) -> list[str]:
+    """Alarms on something that no scan since the baseline has shown: they cannot go off."""
+    if findings.last is None or findings.last.change is None:
+        return []
+    return [
+        f"{alarm.name}: not measured yet, so it cannot go off."
+        for alarm in findings.limits
+        if findings.alarms.get(alarm.name) == "ok"
+        and any(metric.name == alarm.metric for metric in findings.metrics)
+        and not np.isfinite(findings.measured(alarm.metric)[0][findings.last.baseline :]).any()
+    ]
+
+
+def _seen(findings: Findings, name: str) -> str:
+    """Say who has acknowledged an alarm."""
+    seen = findings.standing[name].acknowledged
+    return f" {seen.told[:1].upper()}{seen.told[1:]} ({day_and_time(seen.time)})." if seen is not None else ""
 
 
 def _why_nothing(findings: Findings) -> tuple[str, ...]:
@@ -88,5 +115,7 @@ def _alarm_text(findings: Findings, name: str) -> str:
             else ""
         )
         called = "" if name.casefold() == named.title.casefold() else f" (alarm: {name})"
-        return f"{named.title} is {with_uncertainty(value, named.unit)}{limit}{called}."
-    return f"{name}: {state}."
+        why = findings.standing[name].why
+        rule = "" if limit or not why else f": {why}"
+        return f"{named.title} is {with_uncertainty(value, named.unit)}{limit}{called}{rule}.{_seen(findings, name)}"
+    return f"{name}: {state}.{_seen(findings, name)}"

@@ -16,6 +16,7 @@ import numpy as np
 from configs import Campaign, InputError
 from pipelines import Calibration, Frames, Grid, Instant, PatternSet, format_instant
 from storage import (
+    Inbox,
     Ledger,
     Store,
     create_store,
@@ -163,6 +164,7 @@ def run_campaign(
             notes=not now,
             rig_is_open=True,
             room=room_of(campaign.store.path, store.about.grid, len(store), campaign.store.reserve_mb).shortage,
+            inbox=Inbox(campaign.store.path, campaign.store.beside),
             commit_every_s=campaign.schedule.video.commit_every_s if campaign.schedule.video is not None else 0.0,
         )
         return loop.run(max_scans)

@@ -13,9 +13,9 @@ from pipelines import PatternSet
 from pipelines.change import METRICS
 from storage import STORES
 
+from .alarms import rule_of
 from .rigs import RIGS, make_rig, rig_options
 from .scheduler import check_cron
-from .visit import limits_of
 
 __all__ = ["campaign_schema", "load_checked"]
 
@@ -70,7 +70,7 @@ def _problems(campaign: Campaign) -> Iterator[Problem]:
         if metric is not None and alarm.unit is not None and alarm.unit != metric.unit:
             yield ("alarms", index, "unit"), f"{alarm.metric} is in {metric.unit}, not {alarm.unit!r}"
         try:
-            limits_of(alarm)
+            rule_of(alarm)
         except ValueError as error:
             yield ("alarms", index), str(error)
     if campaign.calibration.simulated and campaign.rig.name != "simulated":

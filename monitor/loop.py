@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from itertools import groupby
 from threading import Event as Flag
 from typing import get_args
@@ -12,10 +12,11 @@ from typing import get_args
 import structlog
 
 from configs import CaptureError, DeviceUnavailable
-from pipelines import AlarmState, Frames, Instant, Tick, format_instant
-from storage import Store
+from pipelines import Frames, Instant, Tick, format_instant
+from storage import Inbox, Store
 
 from . import __version__
+from .alarms import Watches, after_gap, resumed, told
 from .clock import Clock, seconds_between
 from .committing import Committer, LedgerLike
 from .rigs import Rig
@@ -129,6 +130,8 @@ class Loop:
         What the note of the beginning says of the campaign.
     notes : bool
         Note the beginning and the end in the store; a single scan is neither.
+    inbox : Inbox, optional
+        Where other processes leave events for the store, such as acknowledgements.
     room : callable
         Says why the disk has no room for another scan; empty where it has.
     commit_every_s : float
@@ -151,10 +154,12 @@ class Loop:
     notes: bool = True
     rig_is_open: bool = False
     room: Callable[[], str] = lambda: ""
+    inbox: Inbox | None = None
     commit_every_s: float = 0.0
     _commits: Committer = field(init=False)
     _epoch: Epoch | None = None
-    _stored_alarms: Mapping[str, AlarmState] = field(default_factory=dict)
+    _watches: Watches = field(default_factory=dict)
+    _stored_watches: Watches = field(default_factory=dict)
     _crowded: bool = False
     _started: Instant = field(init=False)
     _busy_until: Instant = field(init=False)
@@ -167,8 +172,8 @@ class Loop:
         """Go on until the schedule is over, `stop` is set, or `max_scans` visits were made (well or not)."""
         if len(self.store):
             newest = self.store[-1]
-            self._stored_alarms = newest.alarms
-            self._epoch = Epoch(self.store[newest.baseline].scan, newest.alarms)
+            self._epoch = Epoch(self.store[newest.baseline].scan)
+        self._watches = self._stored_watches = resumed(self.recipe.alarms, self.store)
         self._commits = Committer(self.store, self.clock, self.commit_every_s)
         self._started = self._busy_until = self.clock.now()
         self._note(f"{BEGAN}: microrelief {__version__}" + (f", {self.told}" if self.told else ""))
@@ -182,10 +187,12 @@ class Loop:
             self.clock.wait_until(slot, self.stop)
             if self.stop.is_set():
                 break
+            self._take_in()
             slot = self._newest_due(slot)
             if slot is not None:
                 self._visit(slot)
                 visits += 1
+        self._take_in()
         self._commits.flush()
         why = "asked to stop" if self.stop.is_set() else "visits done" if visits == max_scans else "schedule over"
         self._note(f"{ENDED}: {why}, {self._counts['taken']} taken")
@@ -197,6 +204,15 @@ class Loop:
             return
         self._commits.note(self.clock.now(), "note", text)
         self._commits.flush()
+
+    def _take_in(self) -> None:
+        """Put into the store what others left for it."""
+        waiting = self.inbox.waiting() if self.inbox is not None else ()
+        if self.inbox is None or not waiting:
+            return
+        inbox, files = self.inbox, [file for file, _ in waiting]
+        tick = Tick(self.clock.now(), events=tuple(event for _, event in waiting))
+        self._commits.add(tick, lambda number, why: None if why else inbox.taken(files), at_once=True)
 
     def _newest_due(self, slot: Instant) -> Instant | None:
         """Of all slots that are due, miss all but the newest, and that too if its grace is over."""
@@ -220,7 +236,21 @@ class Loop:
         if cause == NOT_RUNNING:
             self._away += len(missed)
         gap = Settled(missed[-1], "missed", cause, count=len(missed), first=missed[0])
-        self._commits.add(failed_tick(missed[-1], now, "missed", gap.told), lambda number, why: self._tell(gap))
+        tick = self._silent(failed_tick(missed[-1], now, "missed", gap.told), now, len(missed), cause)
+        watches = self._watches
+
+        def done(number: int | None, why: str) -> None:
+            if not why:
+                self._watches = self._stored_watches = watches
+            self._tell(gap)
+
+        self._commits.add(tick, done)
+
+    def _silent(self, tick: Tick, now: Instant, slots: int, cause: str) -> Tick:
+        """Let the alarms know of slots that gave no scan; where that changes one, the tick says so."""
+        before, self._watches = self._watches, after_gap(self.recipe.alarms, self._watches, slots, cause)
+        changes = told(self.recipe.alarms, before, self._watches, now)
+        return replace(tick, events=(*tick.events, *(change.event for change in changes)))
 
     def _visit(self, planned: Instant) -> None:
         """Make one visit; whatever goes wrong in it is recorded, and the campaign goes on."""
@@ -235,17 +265,17 @@ class Loop:
         else:
             self._note_room(began)
             tick, state, cause = self._work(planned, began)
+        if tick.scan is None:
+            tick = self._silent(tick, began, 1, cause)
         begins = self._epoch is None or tick.change is None
-        if tick.scan is not None and not begins and self._epoch is not None:
-            self._epoch = Epoch(self._epoch.baseline, tick.alarms)
-        unavailable = self._unavailable
+        unavailable, watches = self._unavailable, self._watches
 
         def done(number: int | None, why: str) -> None:
             ended, because = state, cause
             if number is None and tick.scan is not None:
                 ended, because = "failed", f"not stored: {why}"
             self._commits.record(lambda: self.ledger.settle(planned, ended, because, number))
-            self._after(number, tick, begins)
+            self._after(number, tick, begins, watches, why)
             self._busy_until = self.clock.now()
             took = seconds_between(began, self._busy_until)
             self._lags.append(lag)
@@ -282,29 +312,31 @@ class Loop:
         except Exception as error:  # noqa: BLE001 - a driver's bug must not end a campaign of years
             return self._surprise(planned, began, error)
         try:
-            result = self.work(frames, self.recipe, self._epoch, planned)
+            epoch = Epoch(self._epoch.baseline, self._watches) if self._epoch is not None else None
+            result = self.work(frames, self.recipe, epoch, planned)
         except ValueError as error:  # CaptureError is one
             return failed_tick(planned, began, "rejected", str(error)), "rejected", str(error)
         except Exception as error:  # noqa: BLE001 - nor must our own
             return self._surprise(planned, began, error)
-        return result.tick, result.state, result.cause
+        tick, before, self._watches = result.tick, self._watches, result.watches
+        if epoch is None and tick.scan is not None and before:  # there was no data before the first scan
+            changes = told(self.recipe.alarms, before, self._watches, tick.scan.time)
+            tick = replace(tick, events=(*tick.events, *(change.event for change in changes)))
+        return tick, result.state, result.cause
 
     def _surprise(self, planned: Instant, began: Instant, error: Exception) -> tuple[Tick, State, str]:
         _log.error("unexpected error", planned=format_instant(planned), traceback=traceback.format_exc())
         text = f"unexpected {type(error).__name__}: {error}"
         return failed_tick(planned, began, "failed", text), "failed", text
 
-    def _after(self, number: int | None, tick: Tick, begins: bool) -> None:
+    def _after(self, number: int | None, tick: Tick, begins: bool, watches: Watches, why: str) -> None:
         """Hold the epoch's baseline as the store gives it back, so that a restart compares with the same numbers."""
-        if tick.scan is None:
-            return
-        if number is None:  # refused: the next alarm is judged against what is kept
-            if self._epoch is not None:
-                self._epoch = Epoch(self._epoch.baseline, self._stored_alarms)
-            return
-        self._stored_alarms = tick.alarms
-        if begins:
-            self._epoch = Epoch(self.store[number].scan, tick.alarms)
+        if not why:
+            self._watches = self._stored_watches = watches
+        else:  # refused: the next alarm is judged against what is kept
+            self._watches = {name: replace(each, silent=each.silent + 1) for name, each in self._stored_watches.items()}
+        if begins and number is not None:
+            self._epoch = Epoch(self.store[number].scan)
 
     def _tell(self, settled: Settled) -> None:
         self._counts[settled.state] += settled.count

@@ -12,12 +12,13 @@ from pathlib import Path
 from threading import Lock
 
 from configs import Alarm, Campaign, InputError, StoreError, parse_campaign
-from pipelines import AlarmState, Calibration, Event, Grid, Instant, Measurement, Scan
-from storage import Rework, Spread, Store, Stored, open_store
+from pipelines import Calibration, Event, Grid, Instant, Scan
+from storage import Rework, ScanTable, Spread, Store, open_store
 
 from . import __version__
+from .alarms import Watches, after_gap, after_scan, gaps_in, remembered_at, seen_in, states_of, told
 from .campaign import campaign_hash, masks_of, read_pattern_set
-from .visit import Finding, Mask, Recipe, alarm_events, compare_with, judged, make_scan, remarks
+from .visit import Finding, Mask, Recipe, compare_with, judged, make_scan, remarks
 
 __all__ = ["Outcome", "Rules", "campaign_of", "process", "rules_of"]
 
@@ -167,22 +168,25 @@ def process(
     from pipelines.change import METRICS
 
     count, calibration_id = len(store), calibration.id if calibration is not None else ""
-    told = (__version__, rules.settings, calibration_id, first, last, campaign_text)
-    key = hashlib.sha256(json.dumps(told).encode()).hexdigest()[:16]
+    work = (__version__, rules.settings, calibration_id, first, last, campaign_text)
+    key = hashlib.sha256(json.dumps(work).encode()).hexdigest()[:16]
     rework = store.rework(key, first, {name: METRICS[name].unit for name in rules.metrics})  # type: ignore[attr-defined]
     if rework is None:
         return Outcome({}, first, last, snapshot=store.about.snapshot, unchanged=True)
     resumed_at = rework.next if rework.resumed else None
     starts, old_events = _chosen_epochs(store), _events_by_time(store)
+    table = rework.table()
+    gaps = gaps_in(store.events, table)
+    watches: Watches = remembered_at(rules.alarms, table, gaps, rework.next, rework.alarms())
     job = Job(store.about.location, store.about.snapshot, rules, None, range(first, last + 1), calibration)
     while rework.next < count and not (rework.next > last and rework.settled):
         for remade in _until_epoch(job, rework, spread, starts, count):
-            _write(rework, remade, rules, old_events, remade.number in starts)
+            watches = after_gap(rules.alarms, watches, gaps[remade.number], "no scan")
+            watches = _write(rework, remade, rules, old_events, remade.number in starts, watches)
             step(rework.next - first, max(last + 1, rework.next) - first)
             if remade.number > last and rework.settled:
                 break
-    if rework.next < count:
-        _replay(rework, store[rework.next], rules.alarms, _measured(store, rework.next))
+    _judge_again(rework, rules, table, gaps, watches)
     return _finish(rework, rules, first, last, now, calibration_id, campaign_text, count, resumed_at)
 
 
@@ -249,7 +253,9 @@ def _until_epoch(job: Job, rework: Rework, spread: Spread, starts: set[int], cou
             close()
 
 
-def _write(rework: Rework, remade: Remade, rules: Rules, old: Mapping[int, tuple[Event, ...]], chosen: bool) -> None:
+def _write(
+    rework: Rework, remade: Remade, rules: Rules, old: Mapping[int, tuple[Event, ...]], chosen: bool, watches: Watches
+) -> Watches:
     scan, notes = remade.finding.scan, remade.notes
     before = old.get(int(scan.time.astype("int64")), ())
     remade_heights = remade.outcome == FROM_FRAMES
@@ -260,25 +266,23 @@ def _write(rework: Rework, remade: Remade, rules: Rules, old: Mapping[int, tuple
     if chosen:
         notes = (*(event for event in before if event.kind == "epoch"), *notes)
     finding = Finding(scan) if chosen else remade.finding
-    tick = judged(finding, rules.alarms, rework.alarms(), remade.planned, notes).tick
-    tick = replace(tick, calibration=remade.calibration)
+    result = judged(finding, rules.alarms, watches, remade.planned, notes)
+    tick = replace(result.tick, calibration=remade.calibration)
     outcome = (
         remade.outcome if remade_heights or not remade.outcome.startswith("frames") else "frames give no height map"
     )
     rework.write(tick, keep_heights=not remade_heights, outcome=outcome)
+    return result.watches
 
 
-def _replay(rework: Rework, stored: Stored, alarms: tuple[Alarm, ...], metrics: Mapping[str, Measurement]) -> None:
-    """Say again how the alarms changed at the first scan that stays as it is."""
-    states: dict[str, AlarmState] = dict(stored.alarms)
-    known = tuple(alarm for alarm in alarms if alarm.name in states)
-    before = rework.alarms() if stored.change is not None else states
-    rework.replay(stored.scan.time, alarm_events(known, states, before, metrics, stored.scan.time))
-
-
-def _measured(store: Store, number: int) -> dict[str, Measurement]:
-    row = store.series().iloc[number]
-    return {name: Measurement(float(row[name]), float(row[f"{name}_sigma"])) for name in store.about.metrics}
+def _judge_again(rework: Rework, rules: Rules, table: ScanTable, gaps: list[int], watches: Watches) -> None:
+    """Judge the alarms of the scans that stay as they are: what they look back on has changed."""
+    for number, seen in enumerate(seen_in(table, rework.next) if rules.alarms else (), start=rework.next):
+        before = after_gap(rules.alarms, watches, gaps[number], "no scan")
+        watches = after_scan(rules.alarms, before, seen)
+        changes = told(rules.alarms, before, watches, seen.time, seen)
+        states = states_of(rules.alarms, watches)
+        rework.judge(number, seen.time, states, tuple(change.event for change in changes))
 
 
 def _finish(

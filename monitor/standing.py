@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from configs import Campaign, ConfigError, StoreError, parse_campaign
-from pipelines import AlarmState, Instant, format_instant
+from pipelines import AlarmState, Instant, StandingAlarm, format_instant, standing_alarms
 from pipelines.trends import worst_state
 from storage import (
+    Inbox,
     Ledger,
     LedgerAddress,
     LedgerRow,
@@ -31,7 +32,7 @@ from .loop import ENDED
 from .resume import resume_slots
 from .scheduler import Slots, grace_of, slots_between
 
-__all__ = ["Standing", "look"]
+__all__ = ["Standing", "look", "standing_of"]
 
 RECENT = 28
 """So many of the newest slots decide whether a campaign is degraded: a week of visits every six hours."""
@@ -48,9 +49,8 @@ class Standing:
     ----------
     site, store : str
     state : str
-        ``alarm``, ``degraded`` (of the newest slots some were missed, rejected or failed, a slot is overdue, the disk
-        is almost full, or scans were lost),
-        ``warning``, ``empty`` (no scan yet) or ``ok``.
+        ``alarm`` (no data is one too), ``degraded`` (of the newest slots some were missed, rejected or failed, a slot
+        is overdue, the disk is almost full, or scans were lost), ``warning``, ``empty`` (no scan yet) or ``ok``.
     running : bool
         Whether a process holds the store for writing.
     scans, missed, rejected, failed : int
@@ -60,6 +60,9 @@ class Standing:
     overdue : int
         Slots whose grace is over and that nobody answered or recorded, since monitoring last ended unexpectedly.
     alarms : mapping of str to str
+        Where each stands: after the newest scan, or after the slots since that gave none.
+    alarm_words : mapping of str to str
+        Of those that are not ok: since when, by which value and rule, and who has acknowledged it.
     disk_bytes, free_bytes : int
     disk_full : Instant or None
         When the disk will be full at this pace; None where that is not known.
@@ -79,6 +82,7 @@ class Standing:
     next: Instant | None
     overdue: int
     alarms: Mapping[str, AlarmState] = field(default_factory=dict)
+    alarm_words: Mapping[str, str] = field(default_factory=dict)
     disk_bytes: int = 0
     free_bytes: int = 0
     disk_full: Instant | None = None
@@ -123,7 +127,11 @@ def look(path: str | Path, now: Instant, campaign: Campaign | None = None) -> St
     newest = store[-1] if len(store) else None
     running = writer_of(path) is not None
     coming, overdue = _due(campaign, rows, now, running=running, ended=_ended(store))
-    alarms = dict(newest.alarms) if newest is not None else {}
+    standing = standing_of(store, Inbox(path, beside))
+    if campaign is not None:
+        standing = _unheard(standing, campaign, rows, overdue, now)
+    alarms = {name: alarm.state for name, alarm in standing.items()}
+    words = {name: _words(alarm) for name, alarm in standing.items() if alarm.state != "ok"}
     reserve = campaign.store.reserve_mb if campaign is not None else None
     crowded = room_of(path, store.about.grid, len(store), reserve).shortage()
     state, why = _judge(rows, alarms, overdue, crowded or _lost(store, rows), empty=newest is None)
@@ -131,8 +139,45 @@ def look(path: str | Path, now: Instant, campaign: Campaign | None = None) -> St
     return Standing(
         store.about.site, store.about.location, state, running, len(store),
         counts["missed"], counts["rejected"], counts["failed"],
-        newest.scan.time if newest is not None else None, coming, overdue, alarms, disk, free, full, why,
+        newest.scan.time if newest is not None else None, coming, overdue, alarms, words, disk, free, full,
+        why,
     )  # fmt: skip
+
+
+def standing_of(store: Store, inbox: Inbox) -> dict[str, StandingAlarm]:
+    """Where the alarms of a store stand, with acknowledgements that its writer has yet to take in."""
+    newest = store[-1] if len(store) else None
+    waiting = tuple(event for _, event in inbox.waiting())
+    if newest is None:
+        return standing_alarms({}, None, (*store.events, *waiting))
+    return standing_alarms(newest.alarms, newest.scan.time, (*store.events, *waiting))
+
+
+def _unheard(
+    standing: dict[str, StandingAlarm], campaign: Campaign, rows: tuple[LedgerRow, ...], overdue: int, now: Instant
+) -> dict[str, StandingAlarm]:
+    """Slots that nobody answered are no data too, though nobody was there to say so."""
+    if not overdue:
+        return standing
+    since = next((index for index, row in enumerate(reversed(rows)) if row.state == "taken"), len(rows))
+    silent = since + overdue
+    why = f"{silent} slots in a row without a scan, the last {overdue} of which nobody answered"
+    for alarm in campaign.alarms:
+        known = standing.get(alarm.name, StandingAlarm(alarm.name, "ok"))
+        if silent >= alarm.no_data_after_slots and known.state != "no data":
+            standing[alarm.name] = StandingAlarm(alarm.name, "no data", now, why)
+    return standing
+
+
+def _words(alarm: StandingAlarm) -> str:
+    parts = [f"since {format_instant(alarm.since)}"] if alarm.since is not None else []
+    parts += [alarm.why] if alarm.why else []
+    parts.append(
+        f"{alarm.acknowledged.told}, {format_instant(alarm.acknowledged.time)}"
+        if alarm.acknowledged is not None
+        else "not acknowledged"
+    )
+    return "; ".join(parts)
 
 
 def _kept_campaign(store: Store, path: str | Path) -> Campaign | None:
@@ -192,8 +237,13 @@ def _judge(
     rows: tuple[LedgerRow, ...], alarms: Mapping[str, AlarmState], overdue: int, trouble: str, *, empty: bool
 ) -> tuple[str, str]:
     worst = worst_state(alarms.values())
-    if worst == "alarm":
-        return "alarm", "in alarm: " + ", ".join(name for name, state in alarms.items() if state == "alarm")
+    if worst in ("alarm", "no data"):
+        grave = [
+            name if state == "alarm" else f"{name} (no data)"
+            for name, state in alarms.items()
+            if state in ("alarm", "no data")
+        ]
+        return "alarm", f"in alarm: {', '.join(grave)}"
     bad = [row for row in rows[-RECENT:] if row.state in ("missed", "rejected", "failed")]
     if overdue and not trouble:
         return "degraded", f"{overdue} {'slot is' if overdue == 1 else 'slots are'} overdue and nobody answered"
@@ -204,7 +254,7 @@ def _judge(
         return "degraded", f"{text} {format_instant(bad[-1].planned)}, {bad[-1].cause}"
     if empty:
         return "empty", "no scan yet"
-    if worst in ("warning", "no data"):
+    if worst == "warning":
         return "warning", ", ".join(f"{name}: {state}" for name, state in alarms.items() if state != "ok")
     return "ok", ""
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from configs import Alarm, CaptureError
 from pipelines import (
-    AlarmState,
     Calibration,
     Change,
     Comparison,
@@ -23,11 +22,9 @@ from pipelines import (
     PatternSet,
     Scan,
     Tick,
-    with_uncertainty,
 )
 
-if TYPE_CHECKING:
-    from pipelines.trends import Limits
+from .alarms import Seen, Watches, after_scan, states_of, told
 
 __all__ = [
     "Epoch",
@@ -36,11 +33,9 @@ __all__ = [
     "Recipe",
     "State",
     "Yield",
-    "alarm_events",
     "compare_with",
     "failed_tick",
     "judged",
-    "limits_of",
     "make_scan",
     "remarks",
     "visit",
@@ -87,19 +82,20 @@ class Recipe:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Epoch:
-    """What a new scan is compared with: the baseline, and where the alarms stood."""
+    """What a new scan is compared with: the baseline, and what the alarms remember since."""
 
     baseline: Scan
-    alarms: Mapping[str, AlarmState] = field(default_factory=dict)
+    watches: Watches = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Yield:
-    """A tick, how its slot ends, and why if it is not simply taken."""
+    """A tick, how its slot ends, and why if it is not simply taken; and what the alarms remember after it."""
 
     tick: Tick
     state: State
     cause: str = ""
+    watches: Watches = field(default_factory=dict)
 
 
 def make_scan(frames: Frames, recipe: Recipe) -> Scan:
@@ -148,7 +144,7 @@ def visit(frames: Frames, recipe: Recipe, epoch: Epoch | None, planned: Instant)
     scan = make_scan(frames, recipe)
     baseline = epoch.baseline if epoch is not None else None
     finding = compare_with(baseline, scan, recipe.stable, recipe.region, recipe.metrics)
-    before = epoch.alarms if epoch is not None else {}
+    before = epoch.watches if epoch is not None else {}
     result = judged(finding, recipe.alarms, before, planned, notes)
     kept = frames if recipe.keep_frames else None
     since = frames.time - recipe.frames_for if recipe.keep_frames and recipe.frames_for is not None else None
@@ -176,27 +172,24 @@ def compare_with(baseline: Scan | None, scan: Scan, stable: Mask, region: Mask, 
 
 
 def judged(
-    finding: Finding,
-    alarms: tuple[Alarm, ...],
-    before: Mapping[str, AlarmState],
-    planned: Instant,
-    notes: tuple[Event, ...] = (),
+    finding: Finding, alarms: tuple[Alarm, ...], before: Watches, planned: Instant, notes: tuple[Event, ...] = ()
 ) -> Yield:
-    """Judge the alarms of a scan and say what happened; `before` is where they stood."""
+    """Judge the alarms of a scan and say what happened; `before` is what they remember."""
     scan, change, metrics = finding.scan, finding.change, finding.metrics
-    if change is None:
-        fine: dict[str, AlarmState] = {alarm.name: "ok" for alarm in alarms}
-        return Yield(Tick(planned, scan, alarms=fine, events=notes), "taken")
-    motion = change.motion
-    cause = f"registration failed: {motion.reason}" if motion.verdict == "failed" else ""
-    states = {alarm.name: judge_alarm(alarm, metrics.get(alarm.metric)) for alarm in alarms}
-    events = alarm_events(alarms, states, before, metrics, scan.time)
+    motion = change.motion if change is not None else None
+    verdict, reason = (motion.verdict, motion.reason) if motion is not None else ("", "")
+    seen = Seen(scan.time, verdict, metrics, reason)
+    watches = after_scan(alarms, before, seen)
+    events = tuple(each.event for each in told(alarms, before, watches, scan.time, seen))
+    cause = f"registration failed: {reason}" if verdict == "failed" else ""
     if cause:
         events = (Event(scan.time, "rejected", cause), *events)
-    elif motion.verdict == "doubtful":
-        events = (Event(scan.time, "note", f"registration doubtful: {motion.reason}"), *events)
+    elif verdict == "doubtful":
+        held = "; no alarm is judged by it" if alarms else ""
+        events = (Event(scan.time, "note", f"registration doubtful: {reason}{held}"), *events)
+    states = states_of(alarms, watches)
     tick = Tick(planned, scan, change, metrics, states, (*events, *notes))
-    return Yield(tick, "rejected" if cause else "taken", cause)
+    return Yield(tick, "rejected" if cause else "taken", cause, watches)
 
 
 def remarks(frames: Frames) -> tuple[Event, ...]:
@@ -213,43 +206,3 @@ def remarks(frames: Frames) -> tuple[Event, ...]:
 def failed_tick(planned: Instant, at: Instant, kind: Literal["failed", "rejected", "missed"], text: str) -> Tick:
     """Make the tick of a visit that yielded no scan."""
     return Tick(planned, events=(Event(at, kind, text),))
-
-
-def judge_alarm(alarm: Alarm, measurement: Measurement | None) -> AlarmState:
-    """Say where an alarm stands; without a value it is "no data"."""
-    from pipelines.trends import judge
-
-    if measurement is None:
-        return "no data"
-    return judge(measurement.value, measurement.sigma, limits_of(alarm))
-
-
-def limits_of(alarm: Alarm) -> Limits:
-    """Give an alarm's limits. Raises ValueError where they leave no value that is ok."""
-    from pipelines.trends import Limits
-
-    return Limits(alarm.warn_above, alarm.alarm_above, alarm.warn_below, alarm.alarm_below)
-
-
-def alarm_events(
-    alarms: tuple[Alarm, ...],
-    states: Mapping[str, AlarmState],
-    before: Mapping[str, AlarmState],
-    metrics: Mapping[str, Measurement],
-    time: Instant,
-) -> tuple[Event, ...]:
-    """One event per alarm that changed its state; a first state other than ok is a change too."""
-    events = []
-    for alarm in alarms:
-        old, new = before.get(alarm.name, "ok"), states[alarm.name]
-        if new != old:
-            value = metrics.get(alarm.metric)
-            told = f", {alarm.metric.replace('_', ' ')} {_with_unit(alarm.metric, value)}" if value is not None else ""
-            events.append(Event(time, "alarm", f"{alarm.name}: {old} -> {new}{told}"))
-    return tuple(events)
-
-
-def _with_unit(metric: str, measurement: Measurement) -> str:
-    from pipelines.change import METRICS
-
-    return with_uncertainty(measurement, METRICS[metric].unit)

@@ -58,11 +58,11 @@ def warm_up(
         with closing(made) as store:
             for moment in (at, at + SECOND):  # the second is compared with the first, as the store gives it back
                 frames = _captured(rig, recipe, moment, frames)
-                tick = work(frames, recipe, epoch, moment).tick
-                number = store.append(tick)
+                made_of = work(frames, recipe, epoch, moment)
+                number = store.append(made_of.tick)
                 if number is None:
                     return
-                epoch = Epoch(store[number].scan, tick.alarms)
+                epoch = Epoch(store[number].scan, made_of.watches)
 
 
 def _captured(rig: Rig, recipe: Recipe, at: Instant, before: Frames | None) -> Frames:

@@ -5,6 +5,14 @@ height maps), `change` (two height maps to what moved) and `trends` (series to s
 with closed-form truth. Each room's ``__init__`` is a front door, as this one is.
 """
 
+from .alarm_change import (
+    Acknowledgement,
+    AlarmChange,
+    StandingAlarm,
+    acknowledgements,
+    alarm_changes,
+    standing_alarms,
+)
 from .change import Change, Comparison, Measurement, Metric, Motion
 from .grid import Grid
 from .instant import Instant, as_datetime, format_instant, instant, parse_instant
@@ -19,6 +27,8 @@ __all__ = [
     "LEVEL_NONE",
     "MINUS",
     "NOT_MEASURED_TEXT",
+    "Acknowledgement",
+    "AlarmChange",
     "AlarmState",
     "Calibration",
     "Change",
@@ -35,12 +45,16 @@ __all__ = [
     "PatternSet",
     "PointMap",
     "Scan",
+    "StandingAlarm",
     "Tick",
+    "acknowledgements",
+    "alarm_changes",
     "as_datetime",
     "format_instant",
     "instant",
     "parse_instant",
     "plain",
+    "standing_alarms",
     "unit_text",
     "with_uncertainty",
 ]

@@ -7,6 +7,7 @@ from .durable import whole_file
 from .exporters import write_change, write_height_map, write_points, write_series
 from .history import cell_history, find_scan, line_history
 from .importers import read_height_map, read_raster, scan_of
+from .inbox import Inbox
 from .ledger import Ledger, LedgerAddress, LedgerRow, LedgerWriteError, SlotState, ledger_beside
 from .location import store_exists, writer_of
 from .network import network_file_system
@@ -15,6 +16,7 @@ from .pattern_file import read_patterns, write_patterns
 from .point_file import holds_points, read_points
 from .rework import Rework
 from .room import BYTES_PER_CELL, Room, full_at, room_of, used_bytes
+from .scan_table import ScanTable, scan_table
 from .spread import Spread, engine
 from .stage_file import StageFile, StagePosition, read_stage
 from .store import About, Store, Stored
@@ -27,12 +29,14 @@ __all__ = [
     "About",
     "Collected",
     "Finding",
+    "Inbox",
     "Ledger",
     "LedgerAddress",
     "LedgerRow",
     "LedgerWriteError",
     "Rework",
     "Room",
+    "ScanTable",
     "SlotState",
     "Snapshot",
     "Spread",
@@ -66,6 +70,7 @@ __all__ = [
     "read_stage",
     "room_of",
     "scan_of",
+    "scan_table",
     "snapshots",
     "statistics",
     "store_exists",

@@ -20,6 +20,7 @@ from .packing import pack_bins
 from .records import read_scan, rows_of_change, rows_of_events, rows_of_metrics, rows_of_scan, tail_of
 from .repository import root_of, short
 from .rows import Rows, row, texts, write_rows
+from .scan_table import ScanTable, table_of
 
 __all__ = ["Rework"]
 
@@ -158,8 +159,14 @@ class Rework:
             self._commit(f"process: scans {self._first} to {number}")
             self._begin_session()
 
-    def replay(self, time: Instant, events: tuple[Event, ...]) -> None:
-        """Replace the alarm events of the first scan that is not written again: what they follow has changed."""
+    def table(self) -> ScanTable:
+        """Give the table of all scans: those before `next` as they are now, the others as they were."""
+        return table_of(self._root)
+
+    def judge(self, number: int, time: Instant, states: Mapping[str, AlarmState], events: tuple[Event, ...]) -> None:
+        """Write where some alarms stand after a scan that is not written again, and what is told of it; in order."""
+        states = {**json.loads(str(self._root["scans/alarms"][number])), **states}
+        self._pending.append(row("scans/alarms", number, json.dumps(states, sort_keys=True)))
         self._replace_events(time, ("alarm",), events)
 
     def finish(self, note: Event, attributes: Mapping[str, Any]) -> str:

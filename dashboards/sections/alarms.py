@@ -23,14 +23,19 @@ def alarms(findings: Findings) -> Section | None:
         metric = named.get(alarm.metric) if alarm is not None else None
         value = with_uncertainty(findings.newest(metric.name), metric.unit) if metric is not None else ""
         unit = unit_text(metric.unit) if metric is not None else ""
-        limits = ", ".join(
+        limits = [
             f"{line.grade} {line.side} {plain(line.value)} {unit}".rstrip()
             for line in (alarm.lines if alarm is not None else ())
-        )
-        rows.append((name, state, _since(findings, name), value, limits))
-    standing = Table(
-        "Alarms after the newest scan", ("Alarm", "State", "Since", "Newest value", "Limits"), tuple(rows), numeric=(3,)
-    )
+        ]
+        rule = "; ".join((*limits, *(alarm.rules if alarm is not None else ())))
+        stands = findings.standing[name]
+        seen = "" if state == "ok" else "not acknowledged"
+        if stands.acknowledged is not None:
+            seen = f"{stands.acknowledged.told}, {day_and_time(stands.acknowledged.time)}"
+        since = day_and_time(stands.since) if stands.since is not None else _since(findings, name)
+        rows.append((name, state, since, value, stands.why if state != "ok" else "", seen, rule))
+    head = ("Alarm", "State", "Since", "Newest value", "Why", "Acknowledged", "Rule")
+    standing = Table("Where the alarms stand", head, tuple(rows), numeric=(3,))
     changes = [event for event in findings.events if event.kind in ("alarm", "acknowledged")]
     tables = [standing]
     if changes:

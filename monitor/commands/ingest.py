@@ -18,6 +18,7 @@ from pipelines import Event, Grid, Instant, Scan, format_instant, instant, parse
 from storage import Store, create_store, open_store, read_raster, scan_of, store_exists
 
 from .. import __version__
+from ..alarms import Watches, resumed
 from ..reprocess import Rules, campaign_of, rules_of
 from ..visit import compare_with, judged
 
@@ -103,9 +104,11 @@ def ingest(
         if opened is None:
             opened = _create(store, scans[0][1], metric)
         with closing(opened):
-            rules = rules_of(None, opened)
+            rules = rules_of(campaign, opened)
+            watches: Watches = resumed(rules.alarms, opened)
             for file, scan in scans:
-                print(_kept(opened, file, scan, rules), flush=True)
+                told, watches = _kept(opened, file, scan, rules, watches)
+                print(told, flush=True)
     finally:
         if opened is not None:
             opened.close()
@@ -199,13 +202,13 @@ def _create(path: str, first: Scan, names: Sequence[str]) -> Store:
     )
 
 
-def _kept(store: Store, file: Path, scan: Scan, rules: Rules) -> str:
-    """Work a scan out as a visit does, and keep it; say so."""
+def _kept(store: Store, file: Path, scan: Scan, rules: Rules, watches: Watches) -> tuple[str, Watches]:
+    """Work a scan out as a visit does, and keep it; say so, and what the alarms remember."""
     last = store[-1] if len(store) else None
     baseline = store[last.baseline].scan if last is not None else None
     notes = (Event(scan.time, "note", f"imported from {file.name}"),)
     finding = compare_with(baseline, scan, rules.stable, rules.region, rules.metrics)
-    result = judged(finding, rules.alarms, last.alarms if last is not None else {}, scan.time, notes)
+    result = judged(finding, rules.alarms, watches, scan.time, notes)
     number = store.append(result.tick)
     rejected = f", not compared: {result.cause}" if result.cause else ""
-    return f"committed scan {number} {format_instant(scan.time)} from {file}{rejected}"
+    return f"committed scan {number} {format_instant(scan.time)} from {file}{rejected}", result.watches

@@ -22,8 +22,8 @@ __all__ = ["status"]
 def status(path: Path, *, as_json: Annotated[bool, Parameter(name="--json", negative="")] = False) -> int:
     """Say how a campaign stands: scans, last, next, missed, alarms, disk.
 
-    Exit code 3: in alarm; 4: degraded, which means that of the newest slots some were missed, rejected or failed, or
-    that a slot is overdue.
+    Exit code 3: in alarm, or an alarm has no data; 4: degraded, which means that of the newest slots some were missed,
+    rejected or failed, or that a slot is overdue.
 
     Parameters
     ----------
@@ -60,7 +60,9 @@ def _lines(standing: Standing) -> list[str]:
         f"  last     {told(standing.last)}",
         f"  next     {told(standing.next)}" + ("" if standing.running else " (not running)"),
     ]
-    lines += [f"  alarm    {name}: {state}" for name, state in standing.alarms.items()]
+    for name, state in standing.alarms.items():
+        lines.append(f"  alarm    {name}: {state}")
+        lines += [f"           {part}" for part in standing.alarm_words.get(name, "").split("; ") if part]
     if standing.store.startswith("s3://"):
         return lines
     disk = f"  disk     {format_bytes(standing.disk_bytes)}, {format_bytes(standing.free_bytes)} free"

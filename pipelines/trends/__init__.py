@@ -1,29 +1,45 @@
 """Series to slopes, forecasts and alarms."""
 
-from .alarm_rule import AlarmRule, Decision, decide
+from .alarm_rule import AlarmRule, Decision
 from .alarm_state import ALARM_STATES, AlarmState
-from .control import Chart, ControlChart, control_chart, run_length, standard_residuals, threshold
+from .change_points import ChangePoint, change_points
+from .control import Chart, Charted, ControlChart, Model, charted, control_chart, run_length, threshold
+from .environment import Corrected, Effect, correct_for
 from .forecast import TimeToLimit, time_to_limit
 from .limits import Limits, judge, worst_state
+from .rates import RateMoments
 from .trend import Trend, trend
+from .watch import Watch, decide, remembered, silent, watched
 
 __all__ = [
     "ALARM_STATES",
     "AlarmRule",
     "AlarmState",
+    "ChangePoint",
     "Chart",
+    "Charted",
     "ControlChart",
+    "Corrected",
     "Decision",
+    "Effect",
     "Limits",
+    "Model",
+    "RateMoments",
     "TimeToLimit",
     "Trend",
+    "Watch",
+    "change_points",
+    "charted",
     "control_chart",
+    "correct_for",
     "decide",
     "judge",
+    "remembered",
     "run_length",
-    "standard_residuals",
+    "silent",
     "threshold",
     "time_to_limit",
     "trend",
+    "watched",
     "worst_state",
 ]

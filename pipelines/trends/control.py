@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Chart", "ControlChart", "control_chart", "run_length", "standard_residuals", "threshold"]
+__all__ = [
+    "Chart",
+    "Charted",
+    "ControlChart",
+    "Model",
+    "charted",
+    "control_chart",
+    "run_length",
+    "threshold",
+]
 
 Floats = npt.NDArray[np.float64]
 Chart = Literal["cusum", "ewma"]
@@ -51,6 +61,102 @@ class ControlChart:
     false_alarm_every: float
 
 
+class Charted(NamedTuple):
+    """What a control chart knows after a value: what it has learned of the series, and its sums.
+
+    Carried from value to value, so that a chart costs the same after ten thousand of them; days count from anywhere.
+    `residual` is the newest value's standard residual (NaN while it is learned from), `statistic` what is compared with
+    the threshold, `quiet` how many values ago the chart last signalled (-1: never, 0: now).
+    """
+
+    known: int = 0
+    day: float = 0.0
+    value: float = 0.0
+    day_squares: float = 0.0
+    products: float = 0.0
+    squares: float = 0.0
+    freedom: int = 0
+    up: float = 0.0
+    down: float = 0.0
+    smooth: float = 0.0
+    residual: float = math.nan
+    statistic: float = math.nan
+    quiet: int = -1
+
+    @property
+    def signals(self) -> bool:
+        """Whether the newest value made the chart signal."""
+        return self.quiet == 0
+
+
+def charted(before: Charted, day: float, value: float, chart: Chart, limit: float, model: Model = "level") -> Charted:
+    """Put the next value on a chart.
+
+    Parameters
+    ----------
+    before : Charted
+        ``Charted()`` before the first value.
+    day : float
+        When it was measured, days after any fixed moment.
+    value : float
+        Finite.
+    chart : {"cusum", "ewma"}
+    limit : float
+        `threshold` of the chart.
+    model : {"level", "line"}
+        What "no change" is: a level, or a steady rate.
+    """
+    residual, learned = _learned(before, day, value, model)
+    if math.isnan(residual):
+        return learned._replace(residual=residual, statistic=math.nan)
+    up, down, smooth = before.up, before.down, before.smooth
+    if chart == "cusum":
+        up, down = max(0.0, up + residual - SLACK), max(0.0, down - residual - SLACK)
+        statistic = max(up, down)
+    else:
+        smooth += WEIGHT * (residual - smooth)
+        statistic = abs(smooth)
+    if statistic > limit:
+        return learned._replace(up=0.0, down=0.0, smooth=0.0, residual=residual, statistic=statistic, quiet=0)
+    quiet = before.quiet + 1 if before.quiet >= 0 else -1
+    return learned._replace(up=up, down=down, smooth=smooth, residual=residual, statistic=statistic, quiet=quiet)
+
+
+def _learned(before: Charted, day: float, value: float, model: Model) -> tuple[float, Charted]:
+    """Give the standard residual of a value, and what is known with it; NaN where too few values foretell it.
+
+    Recursive residuals (Brown, Durbin and Evans 1975) of a level or of a line over time, each divided by the standard
+    deviation of those before it, which makes a Student t of known degrees of freedom; its normal score is standard
+    normal and independent of the others (self-starting charts: Hawkins 1987, Quesenberry 1991). So no length of
+    quiet baseline is needed, and the rate of false alarms is the stated one from the first residual on.
+    """
+    from scipy.special import ndtri, stdtr
+
+    count, away = before.known, day - before.day
+    residual, squares, freedom = math.nan, before.squares, before.freedom
+    line = model == "line"
+    if count >= (2 if line else 1) and not (line and before.day_squares <= 0):
+        leverage = 1.0 / count + (away * away / before.day_squares if line else 0.0)
+        foretold = before.value + (before.products / before.day_squares * away if line else 0.0)
+        step = (value - foretold) / math.sqrt(1.0 + leverage)
+        if freedom >= 2 and squares > 0:
+            student = step / math.sqrt(squares / freedom)
+            # through the tail that is small: a score far out keeps its digits
+            score = -float(ndtri(stdtr(freedom, -abs(student))))
+            residual = math.copysign(min(score, FARTHEST), student)
+        squares, freedom = squares + step * step, freedom + 1
+    mean_day, off = before.day + away / (count + 1), value - before.value
+    return residual, before._replace(
+        known=count + 1,
+        day=mean_day,
+        value=before.value + off / (count + 1),
+        day_squares=before.day_squares + away * (day - mean_day),
+        products=before.products + (day - mean_day) * off,
+        squares=squares,
+        freedom=freedom,
+    )
+
+
 def control_chart(
     times: npt.NDArray[np.datetime64],
     values: Floats,
@@ -83,89 +189,19 @@ def control_chart(
     ValueError
         If the arrays differ in length or `false_alarm_every` is out of range.
     """
-    residual = standard_residuals(times, values, model)
-    limit = threshold(chart, float(false_alarm_every))
-    statistic = np.full(residual.shape, np.nan)
-    signals = np.zeros(residual.shape, dtype=np.bool_)
-    up = down = smooth = 0.0
-    for n in np.flatnonzero(np.isfinite(residual)):
-        z = float(residual[n])
-        if chart == "cusum":
-            up, down = max(0.0, up + z - SLACK), max(0.0, down - z - SLACK)
-            statistic[n] = max(up, down)
-        else:
-            smooth += WEIGHT * (z - smooth)
-            statistic[n] = abs(smooth)
-        if statistic[n] > limit:
-            signals[n] = True
-            up = down = smooth = 0.0
-    return ControlChart(residual, statistic, limit, signals, float(false_alarm_every))
-
-
-def standard_residuals(times: npt.NDArray[np.datetime64], values: Floats, model: Model = "level") -> Floats:
-    """How far each value lies from what those before it foretell, as a standard normal score.
-
-    Recursive residuals (Brown, Durbin and Evans 1975) of a level or of a line over time, each divided by the standard
-    deviation of those before it, which makes a Student t of known degrees of freedom; its normal score is standard
-    normal and independent of the others (self-starting charts: Hawkins 1987, Quesenberry 1991). So no length of
-    quiet baseline is needed, and the rate of false alarms is the stated one from the first residual on.
-
-    Parameters
-    ----------
-    times : ndarray of datetime64, shape (n,)
-        Ascending.
-    values : ndarray of float64, shape (n,)
-        NaN where not measured.
-    model : {"level", "line"}
-
-    Returns
-    -------
-    ndarray of float64, shape (n,)
-        NaN for the first 3 (level) or 4 (line) values and where not measured; within +-8.
-
-    Raises
-    ------
-    ValueError
-        If the arrays differ in length.
-    """
     if times.shape != values.shape:
         raise ValueError(f"a control chart needs as many times as values: {times.shape} and {values.shape}")
-    from scipy.stats import norm, t
-
-    residual = np.full(values.shape, np.nan)
+    limit = threshold(chart, float(false_alarm_every))
+    residual, statistic = np.full(values.shape, np.nan), np.full(values.shape, np.nan)
+    signals = np.zeros(values.shape, dtype=np.bool_)
     known = np.flatnonzero(np.isfinite(values) & ~np.isnat(times))
-    if known.size < 4:
-        return residual
-    day = (times[known] - times[known[0]]) / np.timedelta64(1, "D")
-    scale = max(float(day[-1]), 1e-12)
-    design = np.stack([np.ones(known.size), day / scale], axis=1)[:, : 1 if model == "level" else 2]
-    step = _recursive(design, values[known] - values[known[0]])
-    first = design.shape[1]  # values that determine the model and foretell nothing
-    squares = np.concatenate([[0.0], np.cumsum(step[first:] ** 2)[:-1]])
-    freedom = np.arange(squares.size)
-    usable = (freedom >= 2) & (squares > 0)
-    student = step[first:][usable] / np.sqrt(squares[usable] / freedom[usable])
-    # through the tail that is small: a score far out keeps its digits
-    score = -norm.ppf(t.sf(np.abs(student), freedom[usable])) * np.sign(student)
-    residual[known[first:][usable]] = np.clip(score, -FARTHEST, FARTHEST)
-    return residual
-
-
-def _recursive(design: Floats, values: Floats) -> Floats:
-    """How far each value lies from the fit of those before it, over the root of 1 + its leverage; 0 without a fit."""
-    count, size = design.shape
-    step = np.zeros(count)
-    inverse = np.linalg.pinv(design[:size].T @ design[:size])
-    coefficients = inverse @ design[:size].T @ values[:size]
-    for n in range(size, count):
-        x = design[n]
-        gain = inverse @ x
-        leverage = 1.0 + float(x @ gain)
-        off = float(values[n] - x @ coefficients)
-        step[n] = off / np.sqrt(leverage)
-        coefficients = coefficients + gain * (off / leverage)
-        inverse -= np.outer(gain, gain) / leverage
-    return step
+    state = Charted()
+    if known.size:
+        days = (times[known] - times[known[0]]) / np.timedelta64(1, "D")
+        for n, day, value in zip(known.tolist(), days.tolist(), values[known].tolist(), strict=True):
+            state = charted(state, day, value, chart, limit, model)
+            residual[n], statistic[n], signals[n] = state.residual, state.statistic, state.signals
+    return ControlChart(residual, statistic, limit, signals, float(false_alarm_every))
 
 
 @lru_cache(maxsize=32)

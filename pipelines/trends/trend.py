@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Trend", "trend"]
+__all__ = ["Trend", "inflation", "thinned", "trend"]
 
 MOST_POINTS = 1500
 """Theil-Sen looks at every pair: above this many points an even subset of them is taken."""
@@ -94,7 +95,7 @@ def trend(
     n = used.size
     variance = n * (n - 1) * (2 * n + 5) / 18
     residual = v - intercept - slope * t
-    variance *= _inflation(residual)
+    variance *= inflation(residual)
     half = Z_95 * np.sqrt(variance)
     low_rank = int(np.floor((slopes.size - half) / 2))
     high_rank = int(np.ceil((slopes.size + half) / 2))
@@ -107,7 +108,7 @@ def trend(
     return Trend(slope, low, high, intercept, count)
 
 
-def _inflation(residual: npt.NDArray[np.float64]) -> float:
+def inflation(residual: npt.NDArray[np.float64]) -> float:
     """(1 + r) / (1 - r) for a positive lag-one correlation r, at most 20."""
     centred = residual - residual.mean()
     power = float((centred**2).sum())
@@ -121,3 +122,16 @@ def _least_squares_sigma(day: npt.NDArray[np.float64], sigma: npt.NDArray[np.flo
     """Standard uncertainty of an unweighted least-squares slope of values with independent errors."""
     lever = day - day.mean()
     return float(np.sqrt(((lever * sigma) ** 2).sum()) / (lever**2).sum())
+
+
+def thinned(
+    times: npt.NDArray[np.datetime64], values: npt.NDArray[np.float64], sigmas: npt.NDArray[np.float64], most: int
+) -> tuple[npt.NDArray[np.datetime64], npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """Take medians of runs where there are more than `most` values; a run is as sure as one of them: errors repeat."""
+    if len(times) <= most:
+        return times, values, sigmas
+    edges = np.linspace(0, len(times), most + 1).astype(np.intp)
+    runs = [slice(start, stop) for start, stop in pairwise(edges.tolist())]
+    middle = np.array([times[run.start] + (times[run.stop - 1] - times[run.start]) // 2 for run in runs])
+    both = [np.array([np.median(array[run]) for run in runs]) for array in (values, sigmas)]
+    return middle, both[0], both[1]

@@ -62,9 +62,10 @@ def fill(path: str | Path, count: int, made: Recipe | None = None, without: tupl
     store = create_store(path, site="block", grid=GRID, metrics=UNITS, height_type="int32")
     epoch = None
     for number in range(count):
-        tick = visit(capture(number), made, epoch, at(number)).tick
+        result = visit(capture(number), made, epoch, at(number))
+        tick = result.tick
         stored = store.append(replace(tick, frames=None) if number in without else tick)
         assert stored == number
         baseline = store[number].scan if epoch is None or tick.change is None else epoch.baseline
-        epoch = Epoch(baseline, tick.alarms)
+        epoch = Epoch(baseline, result.watches)
     return store

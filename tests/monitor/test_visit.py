@@ -71,14 +71,16 @@ def test_a_loss_is_measured_and_alarms_once(gives: list[Scan]) -> None:
     lost = relief()
     lost[HOLE] -= 0.5  # 40 x 40 cells of 0.05 mm: 2 mm2 x 2 x 0.5 = 2 mm3
     gives.extend([scan_at(60, lost), scan_at(120, lost)])
-    first = visit(FRAMES, RECIPE, Epoch(scan_at(0, relief()), {"erosion": "ok"}), after(60))
+    first = visit(FRAMES, RECIPE, Epoch(scan_at(0, relief())), after(60))
     assert first.tick.metrics["lost_volume"].value == pytest.approx(2.0, rel=0.02)
     assert first.tick.alarms == {"erosion": "alarm"}
     (told,) = first.tick.events
-    assert re.fullmatch(r"erosion: ok -> alarm, lost volume (\d\.\d+) ± (0\.0*[1-9]\d) mm³", told.text), told.text
-    value, _, sigma = told.text.split(" ")[-4:-1]
+    found = r"erosion: ok -> alarm, lost volume (\d\.\d+) ± (0\.0*[1-9]\d) mm³, above the limit of 1 mm³"
+    words = re.fullmatch(found, told.text)
+    assert words, told.text
+    value, sigma = words.groups()
     assert len(value.partition(".")[2]) == len(sigma.partition(".")[2]), "as many decimals as its uncertainty"
-    second = visit(FRAMES, RECIPE, Epoch(scan_at(0, relief()), first.tick.alarms), after(120))
+    second = visit(FRAMES, RECIPE, Epoch(scan_at(0, relief()), first.watches), after(120))
     assert second.tick.events == (), "an alarm that stays is no event"
 
 
@@ -100,8 +102,9 @@ def test_a_scan_that_cannot_be_registered_is_kept_flagged_and_measures_nothing(g
     assert result.tick.change is not None
     assert result.tick.change.motion.verdict == "failed"
     assert result.tick.metrics == {}
-    assert result.tick.alarms == {"erosion": "no data"}
+    assert result.tick.alarms == {"erosion": "ok"}, "one slot without a value raises and clears nothing"
     assert result.tick.events[0].kind == "rejected"
+    assert result.watches["erosion"].silent == 1
 
 
 def test_frames_are_kept_only_where_the_campaign_retains_them(gives: list[Scan]) -> None:

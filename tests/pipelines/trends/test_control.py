@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import kstest
 
-from pipelines.trends import control_chart, run_length, standard_residuals, threshold
+from pipelines.trends import Model, control_chart, run_length, threshold
 
 START = np.datetime64("2026-01-01T00:00:00", "ns")
 
@@ -42,14 +42,14 @@ def test_the_threshold_gives_the_length_it_is_for(length: float) -> None:
 
 
 @pytest.mark.parametrize("model", ["level", "line"])
-def test_residuals_are_standard_normal_from_the_first(model: str) -> None:
+def test_residuals_are_standard_normal_from_the_first(model: Model) -> None:
     """Whatever the level, the rate, the spread and the times, with 12 values as with 300."""
     random = np.random.default_rng(3)
     scores = []
     for _ in range(120):
         times = START + np.sort(random.integers(0, 10**7, 40)).astype("timedelta64[s]")
         line = 0.3 * (times - START) / np.timedelta64(1, "D") if model == "line" else 0.0
-        scores.append(standard_residuals(times, 50 + line + random.normal(0, 7, 40), model))  # type: ignore[arg-type]  # parametrized
+        scores.append(control_chart(times, 50 + line + random.normal(0, 7, 40), model=model).residual)
     for part in (slice(4, 8), slice(8, 40)):
         z = np.concatenate([score[part] for score in scores])
         assert kstest(z, "norm").pvalue > 0.01
@@ -82,9 +82,9 @@ def test_gaps_are_passed_over() -> None:
     holes = values.copy()
     holes[[5, 20, 21]] = np.nan
     known = np.isfinite(holes)
-    whole = standard_residuals(times[known], holes[known])
-    np.testing.assert_array_equal(standard_residuals(times, holes)[known], whole)
-    assert np.isnan(standard_residuals(times, holes)[~known]).all()
+    whole = control_chart(times[known], holes[known]).residual
+    np.testing.assert_array_equal(control_chart(times, holes).residual[known], whole)
+    assert np.isnan(control_chart(times, holes).residual[~known]).all()
 
 
 @pytest.mark.parametrize("values", [[], [1.0], [1.0, 1.0, 1.0, 1.0, 1.0, 1.0], [np.nan] * 5])
