@@ -10,10 +10,7 @@ from typing import Annotated, Any, Literal, Self
 from zoneinfo import ZoneInfo
 
 from pydantic import (
-    AfterValidator,
-    BaseModel,
     BeforeValidator,
-    ConfigDict,
     Field,
     GetJsonSchemaHandler,
     PlainSerializer,
@@ -26,7 +23,12 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError
 
-from .units import DURATION, Duration, format_duration, parse_duration
+from .fields import FolderPath, Number, Polygon, Positive, Text, Zone, from_folder
+from .fields import Settings as _Settings
+from .fields import at as _at
+from .notify import Notifies
+from .schedule import Schedule
+from .units import DURATION, format_duration, parse_duration
 
 __all__ = [
     "Alarm",
@@ -37,56 +39,9 @@ __all__ = [
     "Register",
     "Retain",
     "RigSettings",
-    "Schedule",
     "Site",
     "StoreSettings",
-    "Video",
 ]
-
-
-class _Settings(BaseModel):
-    """Frozen, and an unknown key is an error: a typo must never be a setting that does nothing."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-def _from_folder(path: Path, info: ValidationInfo) -> Path:
-    """Relative paths are relative to the campaign file, wherever the program was started."""
-    folder = (info.context or {}).get("folder")
-    return Path(folder) / path if folder is not None else path
-
-
-def _text(value: Any) -> Any:
-    if isinstance(value, str) and not value.strip():
-        raise ValueError("must not be empty")
-    return value
-
-
-def _mapping_or_file(value: Any) -> Any:
-    if not isinstance(value, Mapping | str | Path):
-        raise ValueError("must be a pattern set, such as {kind: gray, size: [608, 684]}, or the name of a pattern file")
-    return value
-
-
-def _zone(name: str) -> str:
-    try:
-        ZoneInfo(name)
-    except (ValueError, OSError):  # ZoneInfoNotFoundError is a KeyError on no system; IsADirectoryError for "Europe"
-        raise ValueError(f"{name!r} is not a time zone: use a name like Europe/Berlin or UTC") from None
-    except KeyError:
-        raise ValueError(f"{name!r} is not a time zone: use a name like Europe/Berlin or UTC") from None
-    return name
-
-
-def _moment(value: Any) -> Any:
-    if isinstance(value, datetime):
-        return value
-    if not isinstance(value, str):
-        raise ValueError("is not a time: write it like 2026-11-22T21:00:00Z")
-    try:
-        return datetime.fromisoformat(value.strip())
-    except ValueError:
-        raise ValueError(f"{value!r} is not a time: write it like 2026-11-22T21:00:00Z") from None
 
 
 def _store_path(value: Any, info: ValidationInfo) -> Path | str:
@@ -94,13 +49,19 @@ def _store_path(value: Any, info: ValidationInfo) -> Path | str:
     if not isinstance(value, str | Path) or not str(value).strip():
         raise ValueError("must be a folder, or s3://BUCKET/PREFIX")
     if "://" not in str(value):
-        return _from_folder(Path(value), info)
+        return from_folder(Path(value), info)
     if not re.fullmatch(_BUCKET_URL, str(value)):
         raise ValueError(f"{str(value)!r} is no place for a store: give a folder, or s3://BUCKET/PREFIX")
     return str(value).rstrip("/")
 
 
 _BUCKET_URL = r"s3://[a-z0-9][a-z0-9.\-]{1,61}[a-z0-9](/[^/]+)+/?"
+
+
+def _mapping_or_file(value: Any) -> Any:
+    if not isinstance(value, Mapping | str | Path):
+        raise ValueError("must be a pattern set, such as {kind: gray, size: [608, 684]}, or the name of a pattern file")
+    return value
 
 
 def _kept(value: Any) -> Any:
@@ -112,21 +73,11 @@ def _kept(value: Any) -> Any:
         raise ValueError(f"must be off, all, or how long, such as 30 days, not {value!r}") from None
 
 
-FolderPath = Annotated[Path, AfterValidator(_from_folder)]
 StorePath = Annotated[
     Path | str,
     PlainValidator(_store_path),
     PlainSerializer(str, return_type=str),
     WithJsonSchema({"type": "string", "examples": ["soil.icechunk", "s3://bucket/soil"]}),
-]
-Number = Annotated[float, Strict(), Field(allow_inf_nan=False)]
-Positive = Annotated[float, Strict(), Field(gt=0, allow_inf_nan=False)]
-Text = Annotated[str, BeforeValidator(_text)]
-Moment = Annotated[
-    datetime,
-    BeforeValidator(_moment),
-    PlainSerializer(lambda moment: moment.isoformat(), return_type=str),
-    WithJsonSchema({"type": "string", "examples": ["2026-11-22T21:00:00Z", "2026-11-22 22:00"]}),
 ]
 Kept = Annotated[
     Literal["off", "all"] | timedelta,
@@ -134,18 +85,29 @@ Kept = Annotated[
     PlainSerializer(lambda kept: kept if isinstance(kept, str) else format_duration(kept), return_type=str),
     WithJsonSchema({"type": "string", "pattern": rf"^(off|all|{DURATION})$", "examples": ["off", "all", "30 days"]}),
 ]
-Point = tuple[Number, Number]
 Patterns = Annotated[Mapping[str, Any] | FolderPath, BeforeValidator(_mapping_or_file)]
-Polygon = Annotated[tuple[Point, ...], Field(min_length=3)]
 
 
 class Site(_Settings):
     """Where the rig stands."""
 
     name: Text = Field(description="What people call the place; shown in reviews and reports.")
-    zone: Annotated[str, AfterValidator(_zone)] = Field(
+    zone: Zone = Field(
         default="UTC", description="Time zone of `cron` and of times that name none, such as Europe/Berlin."
     )
+    latitude: Annotated[float, Strict(), Field(ge=-90, le=90)] | None = Field(
+        default=None, description="Degrees, north is positive; for `schedule.within.daylight`."
+    )
+    longitude: Annotated[float, Strict(), Field(ge=-180, le=180)] | None = Field(
+        default=None, description="Degrees, east is positive."
+    )
+
+    @model_validator(mode="after")
+    def _both_or_none(self) -> Self:
+        if (self.latitude is None) != (self.longitude is None):
+            missing = "latitude" if self.latitude is None else "longitude"
+            raise PydanticCustomError("half_a_place", f"a place needs latitude and longitude: {missing} is missing")
+        return self
 
 
 class StoreSettings(_Settings):
@@ -194,54 +156,6 @@ class RigSettings(_Settings):
 
     name: Text = Field(description="Kind of rig.")
     options: Mapping[str, Any] = Field(default_factory=dict, description="Options of that kind of rig.")
-
-
-class Video(_Settings):
-    """Continuous capture."""
-
-    rate_hz: Positive = Field(description="Scans per second, 1 for one a second.", le=1000)
-    for_: Duration | None = Field(
-        default=None, alias="for", description="How long each recording lasts; without it, until it is stopped."
-    )
-    commit_every_s: Annotated[float, Strict(), Field(ge=0, le=3600, allow_inf_nan=False)] = Field(
-        default=0.0,
-        description="Commit scans in groups, s: less work for each, and a power cut loses at most the last group. "
-        "0: each scan at once.",
-    )
-
-
-class Schedule(_Settings):
-    """When to scan: exactly one of `every`, `cron` and `video`."""
-
-    every: Duration | None = Field(default=None, description="A fixed interval, such as 6 h; at least 1 s.")
-    cron: Text | None = Field(
-        default=None,
-        description="Minute, hour, day, month, weekday (0 and 7 are Sunday), in the site's zone.",
-    )
-    video: Video | None = Field(default=None, description="Continuous capture, instead of single visits.")
-    start: Moment | None = Field(
-        default=None, description="First slot of `every`, and nothing before it; without it, the first run."
-    )
-    until: Moment | None = Field(default=None, description="No scan after this time.")
-    grace: Duration | None = Field(
-        default=None,
-        description="How late a scan may begin; later, the slot is missed. "
-        "Without it half the time to the next slot, at most 15 min.",
-    )
-
-    @model_validator(mode="after")
-    def _one_kind(self) -> Self:
-        given = [name for name in ("every", "cron", "video") if getattr(self, name) is not None]
-        if len(given) != 1:
-            names = " and ".join(given) if given else "none"
-            raise PydanticCustomError("one_kind", f"needs exactly one of every, cron and video, not {names}")
-        if self.every is not None and self.every.total_seconds() < 1:
-            raise _at(("every",), "must be at least 1 s: for more than one scan a second use video: {rate_hz: ...}")
-        if self.video is not None:
-            for name in ("start", "grace"):
-                if getattr(self, name) is not None:
-                    raise _at((name,), "has no meaning with video, which starts when it is started")
-        return self
 
 
 class CalibrationSource(_Settings):
@@ -340,6 +254,7 @@ class Campaign(_Settings):
     metrics: tuple[Text, ...] = Field(default=("net_volume",), description="What is followed through time.")
     alarms: tuple[Alarm, ...] = ()
     retain: Retain = Retain()
+    notify: Notifies = Field(default=(), description="Who is told of alarms, missing data, a lost device, a full disk.")
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -355,6 +270,16 @@ class Campaign(_Settings):
             names.add(alarm.name)
             if alarm.metric not in self.metrics:
                 raise _at(("alarms", index, "metric"), f"{alarm.metric!r} is not among this campaign's metrics")
+        within = self.schedule.within
+        if within is not None and within.daylight and self.site.latitude is None:
+            text = "needs the site's place: give site.latitude and site.longitude, or use hours"
+            raise _at(("schedule", "within", "daylight"), text)
+        adaptive = self.schedule.adaptive
+        for index, name in enumerate(adaptive.alarms if adaptive is not None else ()):
+            if name not in names:
+                raise _at(("schedule", "adaptive", "alarms", index), f"{name!r} is not among this campaign's alarms")
+        if adaptive is not None and not names:
+            raise _at(("schedule", "adaptive"), "needs an alarm to follow: give alarms")
         start, until = self.start, self.until
         if start is not None and until is not None and until < start:
             raise _at(("schedule", "until"), "lies before start")
@@ -374,8 +299,3 @@ class Campaign(_Settings):
         if moment is not None and moment.tzinfo is None:
             moment = moment.replace(tzinfo=ZoneInfo(self.site.zone))
         return moment.astimezone(UTC) if moment is not None else None
-
-
-def _at(route: tuple[str | int, ...], text: str) -> PydanticCustomError:
-    """A problem that belongs to a value below the model that found it."""
-    return PydanticCustomError("at", "{text}", {"text": text, "route": list(route)})

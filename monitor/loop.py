@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import groupby
 from threading import Event as Flag
 from typing import get_args
 
@@ -16,17 +15,16 @@ from pipelines import AlarmState, Frames, Instant, Tick, format_instant
 from storage import Store
 
 from . import __version__
+from .baseline import unfit
 from .clock import Clock, seconds_between
 from .committing import Committer, LedgerLike
 from .rigs import Rig
-from .scheduler import Slots, slots_between
+from .scheduler import Slots
+from .slot_rules import NOT_RUNNING, Gap, SlotRules, answer
 from .visit import Epoch, Recipe, State, Yield, failed_tick, visit
 
 __all__ = ["BEGAN", "ENDED", "LedgerLike", "Loop", "Outcome", "Settled"]
 
-RUNNING = "previous scan still running"
-NOT_RUNNING = "microrelief was not running"
-ASLEEP = "the machine slept, or its clock was set forward"
 BEGAN = "monitoring began"
 ENDED = "monitoring ended"
 ROOM_AGAIN = "the disk has room again"
@@ -57,6 +55,8 @@ class Settled:
         How many slots.
     first : Instant or None
         Of several, the oldest.
+    more : bool
+        There were too many to count.
     """
 
     planned: Instant
@@ -69,12 +69,14 @@ class Settled:
     took_s: float = float("nan")
     count: int = 1
     first: Instant | None = None
+    more: bool = False
 
     @property
     def told(self) -> str:
         """Which slots were missed, in words: ``missed 4 slots, FIRST to LAST: cause``."""
         span = " to ".join(dict.fromkeys((format_instant(self.first or self.planned), format_instant(self.planned))))
-        return f"{self.state} {self.count} {'slot' if self.count == 1 else 'slots'}, {span}: {self.cause}"
+        count = f"{'more than ' if self.more else ''}{self.count} {'slot' if self.count == 1 else 'slots'}"
+        return f"{self.state} {count}, {span}: {self.cause}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,6 +135,10 @@ class Loop:
         Says why the disk has no room for another scan; empty where it has.
     commit_every_s : float
         Commit in groups of what came within so many seconds; 0 commits each visit.
+    rules : SlotRules
+        What happens to slots that cannot all be kept.
+    asides : callable
+        Says what else is to be noted in the store, since it was last asked: a changed rate, a message not delivered.
     """
 
     slots: Slots
@@ -152,6 +158,8 @@ class Loop:
     rig_is_open: bool = False
     room: Callable[[], str] = lambda: ""
     commit_every_s: float = 0.0
+    rules: SlotRules = field(default_factory=SlotRules)
+    asides: Callable[[], Sequence[str]] = tuple
     _commits: Committer = field(init=False)
     _epoch: Epoch | None = None
     _stored_alarms: Mapping[str, AlarmState] = field(default_factory=dict)
@@ -174,6 +182,7 @@ class Loop:
         self._note(f"{BEGAN}: microrelief {__version__}" + (f", {self.told}" if self.told else ""))
         visits = 0
         while not self.stop.is_set() and (max_scans is None or visits < max_scans):
+            self._note_asides()
             slot = self.slots.after(self.last)
             self._commits.flush_before(slot)
             if slot is None:
@@ -187,6 +196,7 @@ class Loop:
                 self._visit(slot)
                 visits += 1
         self._commits.flush()
+        self._note_asides()
         why = "asked to stop" if self.stop.is_set() else "visits done" if visits == max_scans else "schedule over"
         self._note(f"{ENDED}: {why}, {self._counts['taken']} taken")
         return Outcome(**self._counts, away=self._away, lags_s=tuple(self._lags), stopped=self.stop.is_set())
@@ -198,29 +208,36 @@ class Loop:
         self._commits.note(self.clock.now(), "note", text)
         self._commits.flush()
 
+    def _note_asides(self) -> None:
+        for text in (*self.clock.notices(), *self.asides()):
+            self._commits.note(self.clock.now(), "note", text)
+
     def _newest_due(self, slot: Instant) -> Instant | None:
-        """Of all slots that are due, miss all but the newest, and that too if its grace is over."""
+        """Of all slots that are due, miss all but the newest, and that too where the rules say so."""
         now = self.clock.now()
-        due = [slot, *slots_between(self.slots, slot, now)]
-        take = due.pop() if seconds_between(due[-1], now) <= self.grace(due[-1]) else None
-        for cause, missed in groupby(due, self._cause):
-            self._miss(list(missed), cause, now)
-        return take
+        found = answer(
+            self.slots,
+            slot,
+            now,
+            started=self._started,
+            busy_until=self._busy_until,
+            grace=self.grace,
+            rules=self.rules,
+        )
+        for gap in found.gaps:
+            self._miss(gap, now)
+        return found.take
 
-    def _cause(self, slot: Instant) -> str:
-        """Why nobody answered a slot in time."""
-        if slot < self._started:
-            return NOT_RUNNING
-        return RUNNING if slot <= self._busy_until else ASLEEP
-
-    def _miss(self, missed: list[Instant], cause: str, now: Instant) -> None:
+    def _miss(self, gap: Gap, now: Instant) -> None:
         """Record missed slots: a row each in the ledger, one event for all of them in the store."""
-        self._commits.record(lambda: self.ledger.settle_all(missed, "missed", cause))
-        self.last = missed[-1]
-        if cause == NOT_RUNNING:
-            self._away += len(missed)
-        gap = Settled(missed[-1], "missed", cause, count=len(missed), first=missed[0])
-        self._commits.add(failed_tick(missed[-1], now, "missed", gap.told), lambda number, why: self._tell(gap))
+        self._commits.record(
+            lambda: self.ledger.settle_all([*dict.fromkeys((*gap.slots, gap.last))], "missed", gap.cause)
+        )
+        self.last = gap.last
+        if gap.cause == NOT_RUNNING:
+            self._away += len(gap.slots)
+        told = Settled(gap.last, "missed", gap.cause, count=len(gap.slots), first=gap.slots[0], more=gap.more)
+        self._commits.add(failed_tick(gap.last, now, "missed", told.told), lambda number, why: self._tell(told))
 
     def _visit(self, planned: Instant) -> None:
         """Make one visit; whatever goes wrong in it is recorded, and the campaign goes on."""
@@ -256,6 +273,13 @@ class Loop:
         else:
             self._commits.add(tick, done, at_once=begins and tick.scan is not None)
         self._busy_until = self.clock.now()
+        self._note_overrun(planned, began)
+
+    def _note_overrun(self, planned: Instant, began: Instant) -> None:
+        took, limit = seconds_between(began, self._busy_until), self.rules.overrun_s
+        if limit is not None and took > limit:
+            text = f"visit {format_instant(planned)} took {took:.1f} s, more than {limit:g} s"
+            self._commits.note(self._busy_until, "note", text)
 
     def _without_room(self, planned: Instant, began: Instant, why: str) -> tuple[Tick, State, str]:
         """Fail a visit without a capture, before the disk is full."""
@@ -287,7 +311,10 @@ class Loop:
             return failed_tick(planned, began, "rejected", str(error)), "rejected", str(error)
         except Exception as error:  # noqa: BLE001 - nor must our own
             return self._surprise(planned, began, error)
-        return result.tick, result.state, result.cause
+        tick = result.tick
+        if tick.scan is not None and self._epoch is None and (why := unfit(tick.scan, tick.events)):
+            return failed_tick(planned, began, "rejected", why), "rejected", why
+        return tick, result.state, result.cause
 
     def _surprise(self, planned: Instant, began: Instant, error: Exception) -> tuple[Tick, State, str]:
         _log.error("unexpected error", planned=format_instant(planned), traceback=traceback.format_exc())

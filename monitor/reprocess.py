@@ -135,6 +135,7 @@ def process(
     now: Instant,
     calibration: Calibration | None = None,
     campaign_text: str = "",
+    baseline: bool = False,
     step: Callable[[int, int], None] = lambda done, total: None,
 ) -> Outcome:
     """Work scans `first` to `last` out again, and whatever depends on them, and make the results the newest at once.
@@ -157,20 +158,33 @@ def process(
     calibration : Calibration, optional
     campaign_text : str
         Kept in the store instead of its campaign, where all scans are worked out by it.
+    baseline : bool
+        Begin an epoch with `first`: it becomes the baseline of those after it, through the next epoch's. Heights stay.
     step : callable
         Told of (scans done, scans in all).
     """
     from pipelines.change import METRICS
 
     count, calibration_id = len(store), calibration.id if calibration is not None else ""
-    told = (__version__, rules.settings, calibration_id, first, last, campaign_text)
+    told = (
+        __version__,
+        rules.settings,
+        calibration_id,
+        first,
+        last,
+        campaign_text,
+        *(["baseline"] if baseline else ()),
+    )
     key = hashlib.sha256(json.dumps(told).encode()).hexdigest()[:16]
     rework = store.rework(key, first, {name: METRICS[name].unit for name in rules.metrics})  # type: ignore[attr-defined]
     if rework is None:
         return Outcome({}, first, last, snapshot=store.about.snapshot, unchanged=True)
     resumed_at = rework.next if rework.resumed else None
     starts, old_events = _chosen_epochs(store), _events_by_time(store)
-    job = Job(store.about.location, store.about.snapshot, rules, None, range(first, last + 1), calibration)
+    if baseline:
+        starts.add(first)
+    again = range(first, first) if baseline else range(first, last + 1)
+    job = Job(store.about.location, store.about.snapshot, rules, None, again, calibration)
     while rework.next < count and not (rework.next > last and rework.settled):
         for remade in _until_epoch(job, rework, spread, starts, count):
             _write(rework, remade, rules, old_events, remade.number in starts)
@@ -179,7 +193,8 @@ def process(
                 break
     if rework.next < count:
         _replay(rework, store[rework.next], rules.alarms, _measured(store, rework.next))
-    return _finish(rework, rules, first, last, now, calibration_id, campaign_text, count, resumed_at)
+    text = f"scan {first} is the new baseline of those after it" if baseline else ""
+    return _finish(rework, rules, first, last, now, calibration_id, campaign_text, count, resumed_at, text)
 
 
 def remake(job: Job, numbers: range) -> list[Remade]:
@@ -254,7 +269,11 @@ def _write(rework: Rework, remade: Remade, rules: Rules, old: Mapping[int, tuple
         if remade.outcome.startswith("frames give"):
             notes = (*notes, Event(scan.time, "note", f"processed again: heights kept, {remade.outcome}"))
     if chosen:
-        notes = (*(event for event in before if event.kind == "epoch"), *notes)
+        told = tuple(event for event in before if event.kind == "epoch")
+        begins = Event(
+            scan.time, "epoch", f"epoch {rework.tail.epoch + 1} begins: scan {remade.number} was chosen as baseline"
+        )
+        notes = (*(told or (begins,)), *notes)
     finding = Finding(scan) if chosen else remade.finding
     tick = judged(finding, rules.alarms, rework.alarms(), remade.planned, notes).tick
     tick = replace(tick, calibration=remade.calibration)
@@ -287,9 +306,13 @@ def _finish(
     campaign_text: str,
     count: int,
     resumed_at: int | None,
+    text: str = "",
 ) -> Outcome:
     parts = ", ".join(f"{number} {outcome}" for outcome, number in rework.tally.items())
-    text = f"scans {first} to {last} processed again by microrelief {__version__}, settings {rules.settings or 'none'}"
+    text = (
+        text
+        or f"scans {first} to {last} processed again by microrelief {__version__}, settings {rules.settings or 'none'}"
+    )
     text += f", calibration {calibration_id}" if calibration_id else ""
     attributes = {}
     if campaign_text and first == 0 and last == count - 1:
