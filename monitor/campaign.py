@@ -235,7 +235,8 @@ def read_calibration(
 
 def simulated_calibration_file(campaign: Campaign, patterns: PatternSet) -> Path:
     """Where a simulated rig's calibration is kept: another rig or other patterns have another file."""
-    made_of = {"options": dict(campaign.rig.options), "patterns": patterns.as_mapping()}
+    options = {name: value for name, value in campaign.rig.options.items() if name != "faults"}
+    made_of = {"options": options, "patterns": patterns.as_mapping()}
     name = Path(campaign.store.path).stem
     return campaign.store.beside / f"{name}.calibration-{_hash(made_of)[:8]}.json"
 
