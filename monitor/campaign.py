@@ -31,6 +31,7 @@ from .adaptive import pace_of
 from .clock import Clock, RealClock
 from .companions import Companions
 from .loop import Loop, Outcome, Settled
+from .notify import notifier_of
 from .resume import resume_slots
 from .rigs import BOARD, Rig, calibration_captures, make_rig, rig_options
 from .scheduler import grace_of
@@ -151,7 +152,8 @@ def run_campaign(
             rig.open()
             stack.callback(rig.close)
         pace = pace_of(campaign, store)
-        companions = Companions([each for each in (pace,) if each is not None])
+        notifier = notifier_of(campaign, store, clock.now)
+        companions = Companions([each for each in (pace, notifier) if each is not None])
         stack.callback(companions.close)
 
         def told(settled: Settled) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from datetime import timedelta
-from threading import Event
+from threading import Event, Lock
 from typing import Protocol
 
 import numpy as np
@@ -72,6 +72,7 @@ class RealClock:
         self._wall = wall
         self._even = even if even is not None else _even_seconds
         self._nap = nap
+        self._lock = Lock()
         self._ahead = 0.0
         self._last_wall, self._last_even = self._wall(), self._even()
         self._told: list[str] = []
@@ -88,7 +89,11 @@ class RealClock:
             )
 
     def now(self) -> Instant:
-        """Tell the time, UTC."""
+        """Tell the time, UTC. Other threads may ask too."""
+        with self._lock:
+            return self._now()
+
+    def _now(self) -> Instant:
         wall, even = self._wall(), self._even()
         passed = even - self._last_even
         step = (wall - self._last_wall) - passed

@@ -169,7 +169,7 @@ class SimulatedRig:
         elapsed_h: float,
         lies: npt.NDArray[np.float64],
         chance: np.random.Generator,
-        light: float = 1.0,
+        power: float = 1.0,
     ) -> npt.NDArray[np.uint8]:
         stage = self._stage
         assert stage is not None
@@ -191,9 +191,9 @@ class SimulatedRig:
             here,
         )
         count = len(patterns.roles)
-        power = 255 * light * self._exposure_ms / FULL_LIGHT_MS * (1 + chance.normal(0, self._flicker, count))
+        strength = 255 * power * self._exposure_ms / FULL_LIGHT_MS * (1 + chance.normal(0, self._flicker, count))
         room = self._room_light * (1 + 0.15 * np.sin(np.linspace(0, 2.5, count) + chance.uniform(0, 6.28)))
-        light = Light(power.astype(np.float32), room.astype(np.float32))
+        light = Light(strength.astype(np.float32), room.astype(np.float32))
         return expose(view, here, self._lines[1], light, stage.noise, int(chance.integers(len(stage.noise))))
 
 
