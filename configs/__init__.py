@@ -5,27 +5,33 @@ from typing import TYPE_CHECKING, Any
 from .errors import CaptureError, ConfigError, DeviceUnavailable, InputError, MicroreliefError, StoreError
 
 if TYPE_CHECKING:
-    from .campaign import Alarm, CalibrationSource, Campaign, RigSettings, Schedule, Site
+    from .campaign import Alarm, CalibrationSource, Campaign, RigSettings, Site
     from .load import CampaignFile, did_you_mean, load_campaign, parse_campaign, read_campaign
+    from .notify import Condition, Notify
     from .places import Document, Route, read_yaml
+    from .schedule import Adaptive, Schedule, Within
     from .units import format_duration, parse_duration
 
 __all__ = [
+    "Adaptive",
     "Alarm",
     "CalibrationSource",
     "Campaign",
     "CampaignFile",
     "CaptureError",
+    "Condition",
     "ConfigError",
     "DeviceUnavailable",
     "Document",
     "InputError",
     "MicroreliefError",
+    "Notify",
     "RigSettings",
     "Route",
     "Schedule",
     "Site",
     "StoreError",
+    "Within",
     "did_you_mean",
     "format_duration",
     "load_campaign",
@@ -36,9 +42,11 @@ __all__ = [
 ]
 
 _LATER = {
-    "campaign": ("Alarm", "CalibrationSource", "Campaign", "RigSettings", "Schedule", "Site"),
+    "campaign": ("Alarm", "CalibrationSource", "Campaign", "RigSettings", "Site"),
     "load": ("CampaignFile", "did_you_mean", "load_campaign", "parse_campaign", "read_campaign"),
+    "notify": ("Condition", "Notify"),
     "places": ("Document", "Route", "read_yaml"),
+    "schedule": ("Adaptive", "Schedule", "Within"),
     "units": ("format_duration", "parse_duration"),
 }
 """Loaded when first asked for: pydantic costs a third of a second that `microrelief --help` need not wait for."""

@@ -10,7 +10,6 @@ from typing import Annotated, Any, Literal, Self
 from zoneinfo import ZoneInfo
 
 from pydantic import (
-    AfterValidator,
     BeforeValidator,
     Field,
     GetJsonSchemaHandler,
@@ -25,8 +24,10 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError
 
 from .alarm import Alarm
-from .settings import FolderPath, Number, Positive, Settings, Text, at_key, from_folder
-from .units import DURATION, Duration, format_duration, parse_duration
+from .notify import Notifies
+from .schedule import Schedule
+from .settings import FolderPath, Polygon, Positive, Settings, Text, Zone, at_key, from_folder
+from .units import DURATION, format_duration, parse_duration
 
 __all__ = [
     "Alarm",
@@ -37,38 +38,9 @@ __all__ = [
     "Register",
     "Retain",
     "RigSettings",
-    "Schedule",
     "Site",
     "StoreSettings",
-    "Video",
 ]
-
-
-def _mapping_or_file(value: Any) -> Any:
-    if not isinstance(value, Mapping | str | Path):
-        raise ValueError("must be a pattern set, such as {kind: gray, size: [608, 684]}, or the name of a pattern file")
-    return value
-
-
-def _zone(name: str) -> str:
-    try:
-        ZoneInfo(name)
-    except (ValueError, OSError):  # ZoneInfoNotFoundError is a KeyError on no system; IsADirectoryError for "Europe"
-        raise ValueError(f"{name!r} is not a time zone: use a name like Europe/Berlin or UTC") from None
-    except KeyError:
-        raise ValueError(f"{name!r} is not a time zone: use a name like Europe/Berlin or UTC") from None
-    return name
-
-
-def _moment(value: Any) -> Any:
-    if isinstance(value, datetime):
-        return value
-    if not isinstance(value, str):
-        raise ValueError("is not a time: write it like 2026-11-22T21:00:00Z")
-    try:
-        return datetime.fromisoformat(value.strip())
-    except ValueError:
-        raise ValueError(f"{value!r} is not a time: write it like 2026-11-22T21:00:00Z") from None
 
 
 def _store_path(value: Any, info: ValidationInfo) -> Path | str:
@@ -83,6 +55,12 @@ def _store_path(value: Any, info: ValidationInfo) -> Path | str:
 
 
 _BUCKET_URL = r"s3://[a-z0-9][a-z0-9.\-]{1,61}[a-z0-9](/[^/]+)+/?"
+
+
+def _mapping_or_file(value: Any) -> Any:
+    if not isinstance(value, Mapping | str | Path):
+        raise ValueError("must be a pattern set, such as {kind: gray, size: [608, 684]}, or the name of a pattern file")
+    return value
 
 
 def _kept(value: Any) -> Any:
@@ -100,30 +78,35 @@ StorePath = Annotated[
     PlainSerializer(str, return_type=str),
     WithJsonSchema({"type": "string", "examples": ["soil.icechunk", "s3://bucket/soil"]}),
 ]
-Moment = Annotated[
-    datetime,
-    BeforeValidator(_moment),
-    PlainSerializer(lambda moment: moment.isoformat(), return_type=str),
-    WithJsonSchema({"type": "string", "examples": ["2026-11-22T21:00:00Z", "2026-11-22 22:00"]}),
-]
 Kept = Annotated[
     Literal["off", "all"] | timedelta,
     BeforeValidator(_kept),
     PlainSerializer(lambda kept: kept if isinstance(kept, str) else format_duration(kept), return_type=str),
     WithJsonSchema({"type": "string", "pattern": rf"^(off|all|{DURATION})$", "examples": ["off", "all", "30 days"]}),
 ]
-Point = tuple[Number, Number]
 Patterns = Annotated[Mapping[str, Any] | FolderPath, BeforeValidator(_mapping_or_file)]
-Polygon = Annotated[tuple[Point, ...], Field(min_length=3)]
 
 
 class Site(Settings):
     """Where the rig stands."""
 
     name: Text = Field(description="What people call the place; shown in reviews and reports.")
-    zone: Annotated[str, AfterValidator(_zone)] = Field(
+    zone: Zone = Field(
         default="UTC", description="Time zone of `cron` and of times that name none, such as Europe/Berlin."
     )
+    latitude: Annotated[float, Strict(), Field(ge=-90, le=90)] | None = Field(
+        default=None, description="Degrees, north is positive; for `schedule.within.daylight`."
+    )
+    longitude: Annotated[float, Strict(), Field(ge=-180, le=180)] | None = Field(
+        default=None, description="Degrees, east is positive."
+    )
+
+    @model_validator(mode="after")
+    def _both_or_none(self) -> Self:
+        if (self.latitude is None) != (self.longitude is None):
+            missing = "latitude" if self.latitude is None else "longitude"
+            raise PydanticCustomError("half_a_place", f"a place needs latitude and longitude: {missing} is missing")
+        return self
 
 
 class StoreSettings(Settings):
@@ -172,54 +155,6 @@ class RigSettings(Settings):
 
     name: Text = Field(description="Kind of rig.")
     options: Mapping[str, Any] = Field(default_factory=dict, description="Options of that kind of rig.")
-
-
-class Video(Settings):
-    """Continuous capture."""
-
-    rate_hz: Positive = Field(description="Scans per second, 1 for one a second.", le=1000)
-    for_: Duration | None = Field(
-        default=None, alias="for", description="How long each recording lasts; without it, until it is stopped."
-    )
-    commit_every_s: Annotated[float, Strict(), Field(ge=0, le=3600, allow_inf_nan=False)] = Field(
-        default=0.0,
-        description="Commit scans in groups, s: less work for each, and a power cut loses at most the last group. "
-        "0: each scan at once.",
-    )
-
-
-class Schedule(Settings):
-    """When to scan: exactly one of `every`, `cron` and `video`."""
-
-    every: Duration | None = Field(default=None, description="A fixed interval, such as 6 h; at least 1 s.")
-    cron: Text | None = Field(
-        default=None,
-        description="Minute, hour, day, month, weekday (0 and 7 are Sunday), in the site's zone.",
-    )
-    video: Video | None = Field(default=None, description="Continuous capture, instead of single visits.")
-    start: Moment | None = Field(
-        default=None, description="First slot of `every`, and nothing before it; without it, the first run."
-    )
-    until: Moment | None = Field(default=None, description="No scan after this time.")
-    grace: Duration | None = Field(
-        default=None,
-        description="How late a scan may begin; later, the slot is missed. "
-        "Without it half the time to the next slot, at most 15 min.",
-    )
-
-    @model_validator(mode="after")
-    def _one_kind(self) -> Self:
-        given = [name for name in ("every", "cron", "video") if getattr(self, name) is not None]
-        if len(given) != 1:
-            names = " and ".join(given) if given else "none"
-            raise PydanticCustomError("one_kind", f"needs exactly one of every, cron and video, not {names}")
-        if self.every is not None and self.every.total_seconds() < 1:
-            raise at_key(("every",), "must be at least 1 s: for more than one scan a second use video: {rate_hz: ...}")
-        if self.video is not None:
-            for name in ("start", "grace"):
-                if getattr(self, name) is not None:
-                    raise at_key((name,), "has no meaning with video, which starts when it is started")
-        return self
 
 
 class CalibrationSource(Settings):
@@ -296,6 +231,7 @@ class Campaign(Settings):
     metrics: tuple[Text, ...] = Field(default=("net_volume",), description="What is followed through time.")
     alarms: tuple[Alarm, ...] = ()
     retain: Retain = Retain()
+    notify: Notifies = Field(default=(), description="Who is told of alarms, missing data, a lost device, a full disk.")
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
@@ -311,6 +247,17 @@ class Campaign(Settings):
             names.add(alarm.name)
             if alarm.metric not in self.metrics:
                 raise at_key(("alarms", index, "metric"), f"{alarm.metric!r} is not among this campaign's metrics")
+                raise at_key(("alarms", index, "metric"), f"{alarm.metric!r} is not among this campaign's metrics")
+        within = self.schedule.within
+        if within is not None and within.daylight and self.site.latitude is None:
+            text = "needs the site's place: give site.latitude and site.longitude, or use hours"
+            raise at_key(("schedule", "within", "daylight"), text)
+        adaptive = self.schedule.adaptive
+        for index, name in enumerate(adaptive.alarms if adaptive is not None else ()):
+            if name not in names:
+                raise at_key(("schedule", "adaptive", "alarms", index), f"{name!r} is not among this campaign's alarms")
+        if adaptive is not None and not names:
+            raise at_key(("schedule", "adaptive"), "needs an alarm to follow: give alarms")
         start, until = self.start, self.until
         if start is not None and until is not None and until < start:
             raise at_key(("schedule", "until"), "lies before start")

@@ -28,11 +28,15 @@ from storage import (
 )
 
 from . import __version__
-from .clock import Clock
+from .adaptive import pace_of
+from .clock import Clock, RealClock
+from .companions import Companions
 from .loop import Loop, Outcome, Settled
+from .notify import notifier_of
 from .resume import resume_slots
 from .rigs import BOARD, Rig, calibration_captures, make_rig, rig_options
 from .scheduler import grace_of
+from .slot_rules import SlotRules
 from .visit import Epoch, Mask, Recipe, Yield, visit
 from .warm_up import warm_up
 
@@ -117,8 +121,6 @@ def run_campaign(
     with ExitStack() as stack:
         patterns = read_pattern_set(campaign)
         handed = rig is not None
-        if now or campaign.schedule.video is not None:
-            clock = clock.steady()
         remote = network_file_system(campaign.store.path)
         if remote is not None:
             tell(f"{campaign.store.path} lies on {remote}: {UNTRUSTED}")
@@ -126,6 +128,10 @@ def run_campaign(
             store = _open_existing(campaign)
             if store is not None:
                 stack.callback(store.close)
+        if isinstance(clock, RealClock) and store is not None and len(store):
+            clock.go_on_from(store[-1].scan.time + np.timedelta64(1, "ms"))
+        if now or campaign.schedule.video is not None:
+            clock = clock.steady()
         rig = rig_of(campaign, store) if rig is None else rig
         calibration = read_calibration(campaign, patterns, clock.now(), tell)
         tell("opening the rig")
@@ -146,7 +152,17 @@ def run_campaign(
             rig = rig_of(campaign, store)  # a fresh one: what the other captured, and how often, does not count
             rig.open()
             stack.callback(rig.close)
-        slots, last = resume_slots(campaign, ledger.rows(), clock.now(), now)
+        pace = pace_of(campaign, store)
+        notifier = notifier_of(campaign, store, clock.now)
+        companions = Companions([each for each in (pace, notifier) if each is not None])
+        stack.callback(companions.close)
+
+        def told(settled: Settled) -> None:
+            companions.settled(settled)
+            if on_settled is not None:
+                on_settled(settled)
+
+        slots, last = resume_slots(campaign, ledger.rows(), clock.now(), now, pace)
         loop = Loop(
             slots,
             lambda slot: grace_of(campaign, slots, slot),
@@ -156,7 +172,7 @@ def run_campaign(
             ledger,
             clock,
             last,
-            on_settled or (lambda settled: None),
+            told,
             on_wait or (lambda slot: None),
             stop or Flag(),
             work=work,
@@ -166,6 +182,8 @@ def run_campaign(
             room=room_of(campaign.store.path, store.about.grid, len(store), campaign.store.reserve_mb).shortage,
             inbox=Inbox(campaign.store.path, campaign.store.beside),
             commit_every_s=campaign.schedule.video.commit_every_s if campaign.schedule.video is not None else 0.0,
+            rules=_slot_rules(campaign),
+            asides=companions.asides,
         )
         return loop.run(max_scans)
 
@@ -221,7 +239,8 @@ def read_calibration(
 
 def simulated_calibration_file(campaign: Campaign, patterns: PatternSet) -> Path:
     """Where a simulated rig's calibration is kept: another rig or other patterns have another file."""
-    made_of = {"options": dict(campaign.rig.options), "patterns": patterns.as_mapping()}
+    options = {name: value for name, value in campaign.rig.options.items() if name != "faults"}
+    made_of = {"options": options, "patterns": patterns.as_mapping()}
     name = Path(campaign.store.path).stem
     return campaign.store.beside / f"{name}.calibration-{_hash(made_of)[:8]}.json"
 
@@ -262,7 +281,7 @@ def masks_of(campaign: Campaign, grid: Grid) -> tuple[Mask, Mask]:
 
 def campaign_hash(campaign: Campaign, patterns: PatternSet) -> str:
     """Hash of everything in a campaign that numbers depend on: not of where its files lie."""
-    settings = campaign.model_dump(mode="json", by_alias=True, exclude={"store", "patterns", "calibration"})
+    settings = campaign.model_dump(mode="json", by_alias=True, exclude={"store", "patterns", "calibration", "notify"})
     return _hash({**settings, "patterns": patterns.as_mapping()})
 
 
@@ -281,6 +300,12 @@ def rig_of(campaign: Campaign, store: Store | None) -> Rig:
 def _hurried(campaign: Campaign) -> bool:
     every = campaign.schedule.every
     return campaign.schedule.video is not None or (every is not None and every.total_seconds() < UNHURRIED_S)
+
+
+def _slot_rules(campaign: Campaign) -> SlotRules:
+    schedule = campaign.schedule
+    overrun_s = schedule.overrun.total_seconds() if schedule.overrun is not None else None
+    return SlotRules(schedule.catch_up, schedule.overlap, overrun_s)
 
 
 def _warm_up(

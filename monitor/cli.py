@@ -39,6 +39,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "verify": ("verify:verify", "Read every chunk of a store and check every invariant."),
     "store": ("store:store", "Take care of a store: gc, expire, compact, stat, copy."),
     "process": ("process:process", "Work stored scans out again, from their frames where they are kept."),
+    "rebaseline": ("rebaseline:rebaseline", "Begin a new epoch: compare with another scan from now on."),
     "ingest": ("ingest:ingest", "Take height maps and clouds of other scanners into a store."),
     "export": ("export:export", "Write a stored scan, its change or the series as a file for other programs."),
     "review": ("review:review", "Look through a store on the Rerun timeline."),

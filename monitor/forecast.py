@@ -18,10 +18,11 @@ from .campaign import read_pattern_set, simulated_calibration_file
 from .resume import resume_point
 from .scheduler import Slots, grace_of, slots_between
 
-__all__ = ["bytes_per_scan", "forecast_lines", "next_slots", "stored_bytes"]
+__all__ = ["bytes_per_scan", "forecast_lines", "full_on", "next_slots", "stored_bytes"]
 
 SHOWN = 6
 DAY = np.timedelta64(86400 * 10**9, "ns")
+CENTURY_DAYS = 36525
 
 
 def forecast_lines(campaign: Campaign, now: Instant) -> list[str]:
@@ -45,7 +46,8 @@ def forecast_lines(campaign: Campaign, now: Instant) -> list[str]:
     else:
         grace = format_seconds(grace_of(campaign, slots, coming[0]))
         lines.append(f"  a scan may begin {grace} late, then it is missed")
-    lines.append(_disk(campaign, patterns, slots, now))
+    lines += _rates(campaign)
+    lines += _disk(campaign, patterns, slots, now)
     lines.append(_calibration(campaign, patterns))
     return lines
 
@@ -116,39 +118,77 @@ def _schedule(campaign: Campaign) -> str:
         length = f" for {format_duration(schedule.video.for_)}" if schedule.video.for_ is not None else ""
         return f"video at {schedule.video.rate_hz:g} Hz{length}"
     if schedule.cron is not None:
-        return f"cron {schedule.cron!r} in {campaign.site.zone}"
-    assert schedule.every is not None
-    return f"every {format_duration(schedule.every)}"
+        text = f"cron {schedule.cron!r} in {campaign.site.zone}"
+    else:
+        assert schedule.every is not None
+        text = f"every {format_duration(schedule.every)}"
+    if schedule.within is not None:
+        keys = schedule.within.model_dump(mode="json", exclude_defaults=True)
+        text += " within " + " and ".join(
+            name if name == "daylight" else f"{name} {value}" for name, value in keys.items()
+        )
+    return text
 
 
-def _disk(campaign: Campaign, patterns: PatternSet, slots: Slots, now: Instant) -> str:
+def _rates(campaign: Campaign) -> list[str]:
+    """Say between which bounds the rate follows the alarms."""
+    rule, every = campaign.schedule.adaptive, campaign.schedule.every
+    if rule is None or every is None:
+        return []
+    cause = f"{', '.join(rule.alarms) or 'any alarm'} is in {rule.raise_on}"
+    text = f"  rate: every {format_duration(rule.burst)} while {cause}"
+    if rule.calm is not None:
+        text += f", every {format_duration(rule.calm)} in a long calm"
+    return [f"{text}; {rule.calm_after} scans without cause lower it by a step"]
+
+
+def _disk(campaign: Campaign, patterns: PatternSet, slots: Slots, now: Instant) -> list[str]:
     size, measured = bytes_per_scan(campaign, patterns)
+    per_day = size * _per_day(campaign, slots, now)
     if campaign.schedule.video is not None:
-        per_day = size * campaign.schedule.video.rate_hz * 86400
         text = f"  disk: {format_bytes(per_day / 24)} an hour"
     else:
-        week = sum(1 for _ in slots_between(slots, now, now + 7 * DAY)) if _coarse(campaign) else _per_week(campaign)
-        per_day = size * week / 7
         text = f"  disk: {format_bytes(per_day)} a day"
     text += f" ({format_bytes(size)} a scan, {'as measured in the store' if measured else 'estimated'})"
     if not isinstance(campaign.store.path, Path):
-        return text
+        return [text]
     folder = campaign.store.beside
     while not folder.exists():
         folder = folder.parent
     free = shutil.disk_usage(folder).free
     if per_day > 0:
         text += f"; {format_bytes(free)} free, enough for {free / per_day:.3g} days"
-    return text
+    lines = [text]
+    full = full_on(campaign, now, free, per_day)
+    if full is not None:
+        lines.append(f"  the disk is full on {format_instant(full)[:10]}")
+    rule, every = campaign.schedule.adaptive, campaign.schedule.every
+    if rule is not None and every is not None and per_day > 0:
+        often = per_day * (every / rule.burst)
+        full = full_on(campaign, now, free, often)
+        day = f", and it is full on {format_instant(full)[:10]}" if full is not None else ""
+        lines.append(f"  in a burst that lasts: {format_bytes(often)} a day{day}")
+    return lines
 
 
-def _coarse(campaign: Campaign) -> bool:
-    return campaign.schedule.every is None or campaign.schedule.every.total_seconds() >= 60
+def full_on(campaign: Campaign, now: Instant, free: float, per_day: float) -> Instant | None:
+    """Give the day the disk is full; None where the schedule ends before, or a century goes by."""
+    if per_day <= 0 or not free / per_day < CENTURY_DAYS:
+        return None
+    full: Instant = now + np.timedelta64(round(free / per_day * 86400), "s")
+    return full if campaign.until is None or as_datetime(full) < campaign.until else None
 
 
-def _per_week(campaign: Campaign) -> int:
-    assert campaign.schedule.every is not None
-    return int(7 * 86400 / campaign.schedule.every.total_seconds())
+def _per_day(campaign: Campaign, slots: Slots, now: Instant) -> float:
+    """Slots a day, in the mean of the next four weeks; of very many those of one day are counted, or reckoned."""
+    schedule = campaign.schedule
+    if schedule.video is not None:
+        return schedule.video.rate_hz * 86400
+    every = schedule.every.total_seconds() if schedule.every is not None else 60.0
+    if every < 60 and schedule.within is None:
+        return 86400 / every
+    days = 28 if every >= 60 else 1
+    return sum(1 for _ in slots_between(slots, now, now + days * DAY)) / days
 
 
 def _calibration(campaign: Campaign, patterns: PatternSet) -> str:

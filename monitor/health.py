@@ -11,17 +11,18 @@ from importlib import import_module, metadata
 from pathlib import Path
 from typing import Literal
 
-from configs import Campaign, CaptureError, MicroreliefError
+from configs import Campaign, CaptureError, MicroreliefError, Notify
 from pipelines import PatternSet
 from storage import network_file_system, open_store, store_exists
 
 from . import __version__
 from .campaign import UNTRUSTED, read_pattern_set, simulated_calibration_file
 from .forecast import bytes_per_scan, format_bytes
+from .notify import read_targets, send_test
 from .rigs import DevicesRig, make_rig, measure_delay
 from .system_libraries import missing_library
 
-__all__ = ["Finding", "check_campaign", "check_machine"]
+__all__ = ["Finding", "check_campaign", "check_delivery", "check_machine"]
 
 LIBRARIES = {
     "numpy": "numpy",
@@ -84,10 +85,30 @@ def check_campaign(campaign: Campaign) -> Iterator[Finding]:
         yield Finding("warning", "store", f"{store} lies on {remote}", UNTRUSTED)
     size, measured = bytes_per_scan(campaign, patterns)
     yield Finding("ok", "a scan takes", format_bytes(size) + ("" if measured else ", estimated"))
+    for rule in campaign.notify:
+        mend = "write Apprise URLs there, one a line; `microrelief doctor CAMPAIGN --notify` sends a test message"
+        yield _try("notify", lambda rule=rule: _targets_told(rule), mend)  # type: ignore[misc]  # the rule of this turn
     folder = campaign.store.beside
     while not folder.exists():
         folder = folder.parent
     yield _disk(folder, "disk of the store" if isinstance(store, Path) else "disk of the ledger")
+
+
+def check_delivery(campaign: Campaign) -> Iterator[Finding]:
+    """Send a test message to everybody whom a campaign notifies."""
+    if not campaign.notify:
+        yield Finding("warning", "notify", "nobody is told", "give `notify: {env: NAME}` in the campaign")
+    for who, failed in send_test(campaign):
+        if failed:
+            mend = "check the address, and whether this machine reaches that server"
+            yield Finding("wrong", "notify", f"{who}: not delivered to {', '.join(failed)}", mend)
+        else:
+            yield Finding("ok", "notify", f"{who}: a test message was delivered")
+
+
+def _targets_told(rule: Notify) -> str:
+    targets = read_targets(rule)
+    return f"{targets.who}: {len(targets.addresses)} addresses"
 
 
 def _our_names() -> Iterator[Finding]:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import groupby
 from threading import Event as Flag
 from typing import get_args
 
@@ -17,17 +16,16 @@ from storage import Inbox, Store
 
 from . import __version__
 from .alarms import Watches, after_gap, resumed, told
+from .baseline import unfit
 from .clock import Clock, seconds_between
 from .committing import Committer, LedgerLike
 from .rigs import Rig
-from .scheduler import Slots, slots_between
+from .scheduler import Slots
+from .slot_rules import NOT_RUNNING, Gap, SlotRules, answer
 from .visit import Epoch, Recipe, State, Yield, failed_tick, visit
 
 __all__ = ["BEGAN", "ENDED", "LedgerLike", "Loop", "Outcome", "Settled"]
 
-RUNNING = "previous scan still running"
-NOT_RUNNING = "microrelief was not running"
-ASLEEP = "the machine slept, or its clock was set forward"
 BEGAN = "monitoring began"
 ENDED = "monitoring ended"
 ROOM_AGAIN = "the disk has room again"
@@ -58,6 +56,8 @@ class Settled:
         How many slots.
     first : Instant or None
         Of several, the oldest.
+    more : bool
+        There were too many to count.
     """
 
     planned: Instant
@@ -70,12 +70,14 @@ class Settled:
     took_s: float = float("nan")
     count: int = 1
     first: Instant | None = None
+    more: bool = False
 
     @property
     def told(self) -> str:
         """Which slots were missed, in words: ``missed 4 slots, FIRST to LAST: cause``."""
         span = " to ".join(dict.fromkeys((format_instant(self.first or self.planned), format_instant(self.planned))))
-        return f"{self.state} {self.count} {'slot' if self.count == 1 else 'slots'}, {span}: {self.cause}"
+        count = f"{'more than ' if self.more else ''}{self.count} {'slot' if self.count == 1 else 'slots'}"
+        return f"{self.state} {count}, {span}: {self.cause}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,6 +138,10 @@ class Loop:
         Says why the disk has no room for another scan; empty where it has.
     commit_every_s : float
         Commit in groups of what came within so many seconds; 0 commits each visit.
+    rules : SlotRules
+        What happens to slots that cannot all be kept.
+    asides : callable
+        Says what else is to be noted in the store, since it was last asked: a changed rate, a message not delivered.
     """
 
     slots: Slots
@@ -156,6 +162,8 @@ class Loop:
     room: Callable[[], str] = lambda: ""
     inbox: Inbox | None = None
     commit_every_s: float = 0.0
+    rules: SlotRules = field(default_factory=SlotRules)
+    asides: Callable[[], Sequence[str]] = tuple
     _commits: Committer = field(init=False)
     _epoch: Epoch | None = None
     _watches: Watches = field(default_factory=dict)
@@ -179,6 +187,7 @@ class Loop:
         self._note(f"{BEGAN}: microrelief {__version__}" + (f", {self.told}" if self.told else ""))
         visits = 0
         while not self.stop.is_set() and (max_scans is None or visits < max_scans):
+            self._note_asides()
             slot = self.slots.after(self.last)
             self._commits.flush_before(slot)
             if slot is None:
@@ -194,6 +203,7 @@ class Loop:
                 visits += 1
         self._take_in()
         self._commits.flush()
+        self._note_asides()
         why = "asked to stop" if self.stop.is_set() else "visits done" if visits == max_scans else "schedule over"
         self._note(f"{ENDED}: {why}, {self._counts['taken']} taken")
         return Outcome(**self._counts, away=self._away, lags_s=tuple(self._lags), stopped=self.stop.is_set())
@@ -214,35 +224,42 @@ class Loop:
         tick = Tick(self.clock.now(), events=tuple(event for _, event in waiting))
         self._commits.add(tick, lambda number, why: None if why else inbox.taken(files), at_once=True)
 
+    def _note_asides(self) -> None:
+        for text in (*self.clock.notices(), *self.asides()):
+            self._commits.note(self.clock.now(), "note", text)
+
     def _newest_due(self, slot: Instant) -> Instant | None:
-        """Of all slots that are due, miss all but the newest, and that too if its grace is over."""
+        """Of all slots that are due, miss all but the newest, and that too where the rules say so."""
         now = self.clock.now()
-        due = [slot, *slots_between(self.slots, slot, now)]
-        take = due.pop() if seconds_between(due[-1], now) <= self.grace(due[-1]) else None
-        for cause, missed in groupby(due, self._cause):
-            self._miss(list(missed), cause, now)
-        return take
+        found = answer(
+            self.slots,
+            slot,
+            now,
+            started=self._started,
+            busy_until=self._busy_until,
+            grace=self.grace,
+            rules=self.rules,
+        )
+        for gap in found.gaps:
+            self._miss(gap, now)
+        return found.take
 
-    def _cause(self, slot: Instant) -> str:
-        """Why nobody answered a slot in time."""
-        if slot < self._started:
-            return NOT_RUNNING
-        return RUNNING if slot <= self._busy_until else ASLEEP
-
-    def _miss(self, missed: list[Instant], cause: str, now: Instant) -> None:
+    def _miss(self, gap: Gap, now: Instant) -> None:
         """Record missed slots: a row each in the ledger, one event for all of them in the store."""
-        self._commits.record(lambda: self.ledger.settle_all(missed, "missed", cause))
-        self.last = missed[-1]
-        if cause == NOT_RUNNING:
-            self._away += len(missed)
-        gap = Settled(missed[-1], "missed", cause, count=len(missed), first=missed[0])
-        tick = self._silent(failed_tick(missed[-1], now, "missed", gap.told), now, len(missed), cause)
+        self._commits.record(
+            lambda: self.ledger.settle_all([*dict.fromkeys((*gap.slots, gap.last))], "missed", gap.cause)
+        )
+        self.last = gap.last
+        if gap.cause == NOT_RUNNING:
+            self._away += len(gap.slots)
+        settled = Settled(gap.last, "missed", gap.cause, count=len(gap.slots), first=gap.slots[0], more=gap.more)
+        tick = self._silent(failed_tick(gap.last, now, "missed", settled.told), now, len(gap.slots), gap.cause)
         watches = self._watches
 
         def done(number: int | None, why: str) -> None:
             if not why:
                 self._watches = self._stored_watches = watches
-            self._tell(gap)
+            self._tell(settled)
 
         self._commits.add(tick, done)
 
@@ -286,6 +303,13 @@ class Loop:
         else:
             self._commits.add(tick, done, at_once=begins and tick.scan is not None)
         self._busy_until = self.clock.now()
+        self._note_overrun(planned, began)
+
+    def _note_overrun(self, planned: Instant, began: Instant) -> None:
+        took, limit = seconds_between(began, self._busy_until), self.rules.overrun_s
+        if limit is not None and took > limit:
+            text = f"visit {format_instant(planned)} took {took:.1f} s, more than {limit:g} s"
+            self._commits.note(self._busy_until, "note", text)
 
     def _without_room(self, planned: Instant, began: Instant, why: str) -> tuple[Tick, State, str]:
         """Fail a visit without a capture, before the disk is full."""
@@ -318,7 +342,10 @@ class Loop:
             return failed_tick(planned, began, "rejected", str(error)), "rejected", str(error)
         except Exception as error:  # noqa: BLE001 - nor must our own
             return self._surprise(planned, began, error)
-        tick, before, self._watches = result.tick, self._watches, result.watches
+        tick = result.tick
+        if tick.scan is not None and epoch is None and (why := unfit(tick.scan, tick.events)):
+            return failed_tick(planned, began, "rejected", why), "rejected", why
+        before, self._watches = self._watches, result.watches
         if epoch is None and tick.scan is not None and before:  # there was no data before the first scan
             changes = told(self.recipe.alarms, before, self._watches, tick.scan.time)
             tick = replace(tick, events=(*tick.events, *(change.event for change in changes)))

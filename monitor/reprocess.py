@@ -140,6 +140,7 @@ def process(
     now: Instant,
     calibration: Calibration | None = None,
     campaign_text: str = "",
+    baseline: bool = False,
     step: Callable[[int, int], None] = lambda done, total: None,
 ) -> Outcome:
     """Work scans `first` to `last` out again, and whatever depends on them, and make the results the newest at once.
@@ -162,13 +163,23 @@ def process(
     calibration : Calibration, optional
     campaign_text : str
         Kept in the store instead of its campaign, where all scans are worked out by it.
+    baseline : bool
+        Begin an epoch with `first`: it becomes the baseline of those after it, through the next epoch's. Heights stay.
     step : callable
         Told of (scans done, scans in all).
     """
     from pipelines.change import METRICS
 
     count, calibration_id = len(store), calibration.id if calibration is not None else ""
-    work = (__version__, rules.settings, calibration_id, first, last, campaign_text)
+    work = (
+        __version__,
+        rules.settings,
+        calibration_id,
+        first,
+        last,
+        campaign_text,
+        *(["baseline"] if baseline else ()),
+    )
     key = hashlib.sha256(json.dumps(work).encode()).hexdigest()[:16]
     rework = store.rework(key, first, {name: METRICS[name].unit for name in rules.metrics})  # type: ignore[attr-defined]
     if rework is None:
@@ -178,7 +189,10 @@ def process(
     table = rework.table()
     gaps = gaps_in(store.events, table)
     watches: Watches = remembered_at(rules.alarms, table, gaps, rework.next, rework.alarms())
-    job = Job(store.about.location, store.about.snapshot, rules, None, range(first, last + 1), calibration)
+    if baseline:
+        starts.add(first)
+    again = range(first, first) if baseline else range(first, last + 1)
+    job = Job(store.about.location, store.about.snapshot, rules, None, again, calibration)
     while rework.next < count and not (rework.next > last and rework.settled):
         for remade in _until_epoch(job, rework, spread, starts, count):
             watches = after_gap(rules.alarms, watches, gaps[remade.number], "no scan")
@@ -187,7 +201,8 @@ def process(
             if remade.number > last and rework.settled:
                 break
     _judge_again(rework, rules, table, gaps, watches)
-    return _finish(rework, rules, first, last, now, calibration_id, campaign_text, count, resumed_at)
+    text = f"scan {first} is the new baseline of those after it" if baseline else ""
+    return _finish(rework, rules, first, last, now, calibration_id, campaign_text, count, resumed_at, text)
 
 
 def remake(job: Job, numbers: range) -> list[Remade]:
@@ -264,7 +279,11 @@ def _write(
         if remade.outcome.startswith("frames give"):
             notes = (*notes, Event(scan.time, "note", f"processed again: heights kept, {remade.outcome}"))
     if chosen:
-        notes = (*(event for event in before if event.kind == "epoch"), *notes)
+        said = tuple(event for event in before if event.kind == "epoch")
+        begins = Event(
+            scan.time, "epoch", f"epoch {rework.tail.epoch + 1} begins: scan {remade.number} was chosen as baseline"
+        )
+        notes = (*(said or (begins,)), *notes)
     finding = Finding(scan) if chosen else remade.finding
     result = judged(finding, rules.alarms, watches, remade.planned, notes)
     tick = replace(result.tick, calibration=remade.calibration)
@@ -295,9 +314,13 @@ def _finish(
     campaign_text: str,
     count: int,
     resumed_at: int | None,
+    text: str = "",
 ) -> Outcome:
     parts = ", ".join(f"{number} {outcome}" for outcome, number in rework.tally.items())
-    text = f"scans {first} to {last} processed again by microrelief {__version__}, settings {rules.settings or 'none'}"
+    text = (
+        text
+        or f"scans {first} to {last} processed again by microrelief {__version__}, settings {rules.settings or 'none'}"
+    )
     text += f", calibration {calibration_id}" if calibration_id else ""
     attributes = {}
     if campaign_text and first == 0 and last == count - 1:

@@ -10,6 +10,7 @@ from configs import Campaign
 from pipelines import Instant
 from storage import Ledger, LedgerRow, ledger_beside
 
+from .adaptive import Pace, PacedSlots, paced_slots
 from .scheduler import OnceSlots, Slots, make_slots
 
 __all__ = ["resume_point", "resume_slots"]
@@ -30,7 +31,7 @@ def resume_point(campaign: Campaign, now: Instant) -> tuple[Slots, Instant]:
 
 
 def resume_slots(
-    campaign: Campaign, known: Sequence[LedgerRow], now: Instant, once: bool = False
+    campaign: Campaign, known: Sequence[LedgerRow], now: Instant, once: bool = False, pace: Pace | None = None
 ) -> tuple[Slots, Instant]:
     """Give the slots, and the newest one that has been dealt with, so that a restart stays on the same grid."""
     if once:
@@ -40,9 +41,9 @@ def resume_slots(
         return make_slots(campaign, anchor), anchor - NANOSECOND
     rows = [row.planned for row in known]
     anchor = min(rows, default=_whole_second(now))
-    slots = make_slots(campaign, anchor)
+    slots = paced_slots(campaign, anchor, pace)
     for planned in sorted(rows, reverse=True):  # a single `microrelief scan` between two slots is none of them
-        if slots.after(planned - NANOSECOND) == planned:
+        if slots.holds(planned) if isinstance(slots, PacedSlots) else slots.after(planned - NANOSECOND) == planned:
             return slots, planned
     return slots, min(anchor, now) - NANOSECOND
 

@@ -14,6 +14,8 @@ import numpy as np
 from configs import Campaign, InputError
 from pipelines import Instant, as_datetime, instant
 
+from .windows import WindowedSlots, window_of
+
 __all__ = [
     "CronSlots",
     "IntervalSlots",
@@ -22,12 +24,13 @@ __all__ = [
     "VideoSlots",
     "check_cron",
     "grace_of",
+    "last_slot",
     "make_slots",
     "slots_between",
 ]
 
 SLACK = timedelta(milliseconds=10)
-"""Far more than float seconds err by, far less than the shortest interval, 1 s."""
+"""Far more than float seconds err by, far less than the shortest interval, 200 ms."""
 
 LONGEST_GRACE_S = 900.0
 
@@ -70,7 +73,11 @@ class IntervalSlots(_TriggerSlots):
 
 
 class CronSlots(_TriggerSlots):
-    """A crontab line in a zone's wall time."""
+    """A crontab line in a zone's wall time.
+
+    When summer time ends, an hour comes twice: a line that names its hours scans in the first of them only, one with
+    ``*`` in both. When it begins, a time that is skipped is kept an hour later.
+    """
 
     def __init__(
         self, line: str, zone: str = "UTC", start: datetime | None = None, until: datetime | None = None
@@ -89,6 +96,15 @@ class CronSlots(_TriggerSlots):
             timezone=ZoneInfo(zone),
         )
         super().__init__(trigger, until)
+        self._zone = ZoneInfo(zone)
+        self._names_hours = not hour.startswith("*")
+
+    def after(self, moment: Instant) -> Instant | None:
+        """Give the first slot later than `moment`; None when the schedule is over."""
+        slot = super().after(moment)
+        while slot is not None and self._names_hours and as_datetime(slot).astimezone(self._zone).fold:
+            slot = super().after(slot)
+        return slot
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,11 +160,15 @@ def make_slots(campaign: Campaign, anchor: Instant) -> Slots:
         if schedule.video.for_ is not None:
             ends.append(anchor + np.timedelta64(schedule.video.for_))
         return VideoSlots(anchor, schedule.video.rate_hz, min(ends, default=None))
+    slots: Slots
     if schedule.cron is not None:
-        return CronSlots(schedule.cron, campaign.site.zone, campaign.start, campaign.until)
-    assert schedule.every is not None  # the campaign has exactly one of the three
-    first = instant(campaign.start) if campaign.start is not None else anchor
-    return IntervalSlots(first, schedule.every, campaign.until)
+        slots = CronSlots(schedule.cron, campaign.site.zone, campaign.start, campaign.until)
+    else:
+        assert schedule.every is not None  # the campaign has exactly one of the three
+        first = instant(campaign.start) if campaign.start is not None else anchor
+        slots = IntervalSlots(first, schedule.every, campaign.until)
+    window = window_of(campaign)
+    return slots if window is None else WindowedSlots(slots, window)
 
 
 def grace_of(campaign: Campaign, slots: Slots, slot: Instant) -> float:
@@ -172,6 +192,19 @@ def slots_between(slots: Slots, after: Instant, last: Instant) -> Iterator[Insta
     while slot is not None and slot <= last:
         yield slot
         slot = slots.after(slot)
+
+
+def last_slot(slots: Slots, after: Instant, last: Instant) -> Instant | None:
+    """Give the newest slot later than `after`, up to and with `last`, without a walk through all between them."""
+    back = np.timedelta64(10**9, "ns")
+    while True:
+        start = max(after, last - back)
+        found = None
+        for found in slots_between(slots, start, last):  # noqa: B007 - the last one is wanted
+            pass
+        if found is not None or start == after:
+            return found
+        back *= 2
 
 
 def check_cron(line: str) -> None:

@@ -27,6 +27,7 @@ from storage import (
     writer_of,
 )
 
+from .adaptive import Pace, pace_of
 from .clock import seconds_between
 from .loop import ENDED
 from .resume import resume_slots
@@ -126,7 +127,8 @@ def look(path: str | Path, now: Instant, campaign: Campaign | None = None) -> St
     counts = {state: sum(row.state == state for row in rows) for state in ("missed", "rejected", "failed")}
     newest = store[-1] if len(store) else None
     running = writer_of(path) is not None
-    coming, overdue = _due(campaign, rows, now, running=running, ended=_ended(store))
+    pace = pace_of(campaign, store) if campaign is not None else None
+    coming, overdue = _due(campaign, rows, now, pace, running=running, ended=_ended(store))
     standing = standing_of(store, Inbox(path, beside))
     if campaign is not None:
         standing = _unheard(standing, campaign, rows, overdue, now)
@@ -207,12 +209,18 @@ def _ended(store: Store) -> bool:
 
 
 def _due(
-    campaign: Campaign | None, rows: tuple[LedgerRow, ...], now: Instant, *, running: bool, ended: bool
+    campaign: Campaign | None,
+    rows: tuple[LedgerRow, ...],
+    now: Instant,
+    pace: Pace | None,
+    *,
+    running: bool,
+    ended: bool,
 ) -> tuple[Instant | None, int]:
     """Give the next slot, and how many are overdue."""
     if campaign is None or campaign.schedule.video is not None:
         return None, 0
-    slots, last = resume_slots(campaign, rows, now)
+    slots, last = resume_slots(campaign, rows, now, pace=pace)
     coming = slots.after(now)
     if ended and not running:
         return coming, 0

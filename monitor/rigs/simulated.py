@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from configs import CaptureError, DeviceUnavailable, InputError
+from configs import CaptureError, InputError
 from pipelines import Frames, Instant, PatternSet, parse_instant
 from pipelines.scenes import SCENES, Ground, Scene
 
 from .exposure import Light, Profiles, expose, profiles
+from .faults import FAULTS, LIGHT, MOVED_MM, harm, raise_fault
 from .optics_model import Optics, paper_optics, small_motion
 from .ray_march import look
 
@@ -24,7 +25,6 @@ FULL_LIGHT_MS = 4.0
 HALF_FIELD_MM = 6.2
 DRIFT_MM = 0.004
 HOURS = np.timedelta64(3600 * 10**9, "ns")
-FAULTS = ("dropped", "unplugged")
 
 
 class SimulatedRig:
@@ -56,8 +56,9 @@ class SimulatedRig:
     seed : int
         The same seed and time give the same frames.
     faults : mapping of int to str, optional
-        By number of the visit, from 0, since the rig was made: ``dropped`` (a frame is missing, CaptureError) or
-        ``unplugged`` (DeviceUnavailable).
+        By number of the visit, from 0, since the rig was made: ``dropped`` (a frame is missing, CaptureError),
+        ``unplugged`` in the middle of the capture (DeviceUnavailable), and what only the frames can tell: ``repeated``,
+        ``slipped``, ``late``, ``swapped``, ``dark``, ``saturated``, ``moved``.
 
     Raises
     ------
@@ -128,13 +129,21 @@ class SimulatedRig:
         """
         if self._stage is None:
             raise CaptureError("simulated rig: not open; call open() before capture()")
-        self._meet_fault()
+        fault = self._faults.get(self._visits)
+        self._visits += 1
+        raise_fault(fault)
         if self._started is None:
             self._started = at
         elapsed_h = float((at - self._started) / HOURS) * self._pace
         chance = _chance(self._seed, at)
         lies = _lying(chance, self._drift_mm)
-        return Frames(self._frames(patterns, elapsed_h, lies, chance), at, patterns, self._exposure_ms)
+        stack = self._frames(patterns, elapsed_h, lies, chance, LIGHT.get(fault or "", 1.0))
+        if fault == "moved":
+            pushed = lies.copy()
+            pushed[:, 3] += MOVED_MM * np.array([0.8, 0.6, 0.0])
+            half = len(stack) // 2
+            stack[half:] = self._frames(patterns, elapsed_h, pushed, chance)[half:]
+        return Frames(harm(stack, fault, chance), at, patterns, self._exposure_ms)
 
     def capture_posed(
         self,
@@ -155,7 +164,12 @@ class SimulatedRig:
         self._stage = None
 
     def _frames(
-        self, patterns: PatternSet, elapsed_h: float, lies: npt.NDArray[np.float64], chance: np.random.Generator
+        self,
+        patterns: PatternSet,
+        elapsed_h: float,
+        lies: npt.NDArray[np.float64],
+        chance: np.random.Generator,
+        power: float = 1.0,
     ) -> npt.NDArray[np.uint8]:
         stage = self._stage
         assert stage is not None
@@ -177,18 +191,10 @@ class SimulatedRig:
             here,
         )
         count = len(patterns.roles)
-        power = 255 * self._exposure_ms / FULL_LIGHT_MS * (1 + chance.normal(0, self._flicker, count))
+        strength = 255 * power * self._exposure_ms / FULL_LIGHT_MS * (1 + chance.normal(0, self._flicker, count))
         room = self._room_light * (1 + 0.15 * np.sin(np.linspace(0, 2.5, count) + chance.uniform(0, 6.28)))
-        light = Light(power.astype(np.float32), room.astype(np.float32))
+        light = Light(strength.astype(np.float32), room.astype(np.float32))
         return expose(view, here, self._lines[1], light, stage.noise, int(chance.integers(len(stage.noise))))
-
-    def _meet_fault(self) -> None:
-        fault = self._faults.get(self._visits)
-        self._visits += 1
-        if fault == "dropped":
-            raise CaptureError("simulated rig: a frame was dropped; the capture is not whole")
-        if fault == "unplugged":
-            raise DeviceUnavailable("simulated rig: the camera does not answer; is it plugged in?")
 
 
 def sample_motion(at: Instant, *, seed: int = 1, drift_mm: float = DRIFT_MM) -> npt.NDArray[np.float64]:

@@ -80,9 +80,8 @@ MISTAKES = [
     ),
     (
         "every: 6 h",
-        "every: 0.5 s",
-        "site.yaml:10:10: schedule.every: must be at least 1 s: "
-        "for more than one scan a second use video: {rate_hz: ...}",
+        "every: 0.1 s",
+        "site.yaml:10:10: schedule.every: must be at least 0.2 s: for a higher rate use video: {rate_hz: ...}",
     ),
     (
         "every: 6 h",

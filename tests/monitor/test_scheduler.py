@@ -141,3 +141,26 @@ def test_video_takes_the_newest_slot_however_late(tmp_path: Path) -> None:
     assert grace_of(campaign.model_copy(update={"schedule": schedule}), slots, T0) == 0.25
     hourly = IntervalSlots(T0, timedelta(hours=1))
     assert grace_of(campaign, hourly, T0) == 900
+
+
+@pytest.mark.parametrize(
+    ("line", "spring", "autumn"),
+    [
+        ("30 2 * * *", ["03-28T01:30", "03-29T01:30", "03-30T00:30"], ["10-24T00:30", "10-25T00:30", "10-26T01:30"]),
+        ("0 12 * * *", ["03-28T11:00", "03-29T10:00", "03-30T10:00"], ["10-24T10:00", "10-25T11:00", "10-26T11:00"]),
+    ],
+)
+def test_a_daily_line_is_one_slot_a_day_when_summer_time_begins_and_ends(
+    line: str, spring: list[str], autumn: list[str]
+) -> None:
+    slots = CronSlots(line, "Europe/Berlin")
+    for start, days in (("2026-03-28T00:00:00Z", spring), ("2026-10-24T00:00:00Z", autumn)):
+        assert [moment[5:16] for moment in times(slots, start, 3)] == days
+
+
+def test_an_hourly_line_is_hourly_through_both() -> None:
+    slots = CronSlots("0 * * * *", "Europe/Berlin")
+    for day in ("2026-03-29", "2026-10-25"):
+        start = parse_instant(f"{day}T00:00:00Z")
+        found = list(slots_between(slots, start - np.timedelta64(1, "ns"), start + np.timedelta64(6, "h")))
+        assert np.array_equal(np.diff(found), np.full(6, np.timedelta64(3600 * 10**9, "ns")))

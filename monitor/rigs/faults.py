@@ -1,0 +1,84 @@
+"""Faults on request: what goes wrong between a projector, a camera and a cable, done to the simulated rig's frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from configs import CaptureError, DeviceUnavailable
+
+__all__ = ["FAULTS", "LIGHT", "MOVED_MM", "harm", "raise_fault"]
+
+Stack = npt.NDArray[np.uint8]
+
+MOVED_MM = 0.15
+"""How far a sample is pushed in the middle of a capture: a few camera pixels."""
+
+RAISED: dict[str, Exception] = {
+    "dropped": CaptureError("simulated rig: a frame was dropped; the capture is not whole"),
+    "unplugged": DeviceUnavailable("simulated rig: the camera does not answer; is it plugged in?"),
+}
+"""Faults that a driver notices itself. `unplugged` is so in the middle of a capture: the frames before are lost too."""
+
+
+def _repeated(stack: Stack, place: int) -> Stack:
+    """A frame shows what the one before it showed: the camera gave a stale buffer."""
+    return np.concatenate([stack[:place], stack[place - 1 : place], stack[place + 1 :]])
+
+
+def _slipped(stack: Stack, place: int) -> Stack:
+    """A frame is lost and nobody notices: all later ones come one too early, and the last one twice."""
+    return np.concatenate([np.delete(stack, place, axis=0), stack[-1:]])
+
+
+def _late(stack: Stack, place: int) -> Stack:
+    """The camera holds a frame back: each pattern's frame shows the pattern before it."""
+    return np.concatenate([stack[1:2], stack[:-1]])
+
+
+def _swapped(stack: Stack, place: int) -> Stack:
+    """Two frames have changed places."""
+    order = np.arange(len(stack))
+    other = place + 4 if place + 4 < len(stack) else place - 4
+    order[[place, other]] = order[[other, place]]
+    swapped: Stack = stack[order]
+    return swapped
+
+
+HARMS: dict[str, Callable[[Stack, int], Stack]] = {
+    "repeated": _repeated,
+    "slipped": _slipped,
+    "late": _late,
+    "swapped": _swapped,
+}
+"""Faults of the order that no driver notices, and the frames must betray: (frames, place of the harm) to frames."""
+
+LIGHT = {"dark": 0.01, "saturated": 5.0}
+"""Faults of the light: its power against the usual. The lamp glows only, or the exposure is far too long."""
+
+FAULTS = (*RAISED, *HARMS, *LIGHT, "moved")
+"""Every fault; `moved` is a sample pushed in the middle of a capture."""
+
+
+def raise_fault(name: str | None) -> None:
+    """Raise what a driver would; nothing for a fault that it does not notice."""
+    if name in RAISED:
+        raise type(RAISED[name])(*RAISED[name].args)
+
+
+def harm(stack: Stack, name: str | None, chance: np.random.Generator) -> Stack:
+    """Do to the frames of one capture what the fault does; nothing where it is none of these.
+
+    Parameters
+    ----------
+    stack : ndarray of uint8, shape (frame, row, column)
+        White and black first.
+    name : str or None
+    chance : Generator
+        Chooses the place of the harm, among the patterns' frames.
+    """
+    if name not in HARMS:
+        return stack
+    return np.ascontiguousarray(HARMS[name](stack, int(chance.integers(4, max(5, len(stack) - 8)))))
