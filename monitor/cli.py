@@ -45,6 +45,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "review": ("review:review", "Look through a store on the Rerun timeline."),
     "report": ("report:report", "Write a trend report."),
     "track": ("track:track", "Follow what moves on a surface through a store."),
+    "cracks": ("cracks:cracks", "Follow every crack by name through a store: length, width, depth, tips."),
     "resolution": ("resolution:resolution", "Measure contrast against line width, and depth of field, on a chart."),
     "optics": ("optics:optics", "Work out the geometry of a rig: angles, overlap, blur, diffraction."),
     "schema": ("schema:schema", "Write the JSON schema of campaign files, for editors."),

@@ -2,6 +2,10 @@
 
 from .compare import compare
 from .crack_depths import CrackDepths, crack_depths
+from .crack_identity import CrackHistory, CrackSighting, CrackSightings, follow_cracks, next_cracks
+from .crack_names import CrackEvent
+from .crack_sizes import CrackSize
+from .crack_tips import CrackTip
 from .crack_widths import CrackOpenings, crack_openings
 from .cracks import CrackRule, crack_mask
 from .curl import edge_lift
@@ -24,8 +28,14 @@ __all__ = [
     "Change",
     "Comparison",
     "CrackDepths",
+    "CrackEvent",
+    "CrackHistory",
     "CrackOpenings",
     "CrackRule",
+    "CrackSighting",
+    "CrackSightings",
+    "CrackSize",
+    "CrackTip",
     "Deposit",
     "Distances",
     "Expected",
@@ -49,9 +59,11 @@ __all__ = [
     "edge_lift",
     "find_deposits",
     "find_objects",
+    "follow_cracks",
     "follow_objects",
     "m3c2",
     "measure",
+    "next_cracks",
     "polygon_mask",
     "register",
     "update_substrate",

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-__all__ = ["CrackLines", "crack_lines"]
+__all__ = ["CrackLines", "crack_lines", "length_sigma"]
 
 NEIGHBOURS = ((-1, 0), (0, -1), (0, 1), (1, 0), (-1, -1), (-1, 1), (1, -1), (1, 1))
 SMOOTH_CELLS = 9
@@ -38,6 +40,16 @@ class CrackLines:
         Ends inside the field, whose place is uncertain by about half a width.
     end_width : float
         Mean half width at those ends.
+    segment : ndarray of intp, shape (n,)
+        Number of the line that each point is of; a line runs from node to node.
+    ends : ndarray of intp, shape (lines, 2)
+        Node at the first and the last point of each line; -1 for a ring, which has none.
+    nodes : ndarray of float64, shape (nodes, 2)
+        Row and column of ends and junctions.
+    degree : ndarray of intp, shape (nodes,)
+        How many lines meet there: 1 at an end.
+    leaves : ndarray of bool, shape (nodes,)
+        The node lies at the border of the grid: the crack goes on beyond.
     """
 
     row: npt.NDArray[np.float64]
@@ -49,6 +61,11 @@ class CrackLines:
     off_junction: npt.NDArray[np.bool_]
     free_ends: int
     end_width: float
+    segment: npt.NDArray[np.intp]
+    ends: npt.NDArray[np.intp]
+    nodes: npt.NDArray[np.float64]
+    degree: npt.NDArray[np.intp]
+    leaves: npt.NDArray[np.bool_]
 
 
 Cell = tuple[int, int]
@@ -83,6 +100,16 @@ def crack_lines(mask: npt.NDArray[np.bool_]) -> CrackLines:
             cells -= set(segment[1:])
         segments = _segments(cells)
     return _smoothed(segments, cells, distance, mask.shape)
+
+
+def length_sigma(length_mm: float, free_ends: int, end_width_mm: float, pitch_mm: float) -> float:
+    """Standard uncertainty of a length of centre line, mm.
+
+    A free end lies within half a width of where the skeleton stops; stairs, spurs and gaps come to some 2.5 %: on
+    soils of known length the error was 0.2 to 5 %, worst where cracks are hairlines.
+    """
+    ends = float(np.sqrt(free_ends)) * end_width_mm
+    return float(np.hypot(np.hypot(ends, 0.025 * length_mm), pitch_mm))
 
 
 def _around(cell: Cell, cells: set[Cell]) -> list[Cell]:
@@ -145,8 +172,10 @@ def _is_spur(segment: list[Cell], cells: set[Cell], distance: npt.NDArray[np.flo
 def _smoothed(
     segments: list[list[Cell]], cells: set[Cell], distance: npt.NDArray[np.float64], shape: tuple[int, ...]
 ) -> CrackLines:
-    rows, columns, normals, steps, halves, inner, off_junction = [], [], [], [], [], [], []
+    rows, columns, normals, steps, halves, inner, off_junction, numbers = [], [], [], [], [], [], [], []
     free: list[float] = []
+    nodes: dict[Cell, int] = {}
+    joined: list[tuple[int, int]] = []
     for segment in segments:
         path = np.array(segment, dtype=np.float64)
         half = np.array([distance[cell] for cell in segment])
@@ -164,6 +193,11 @@ def _smoothed(
         between = np.hypot(*np.diff(path, axis=0).T)
         if between.size == 0:
             continue
+        ring = segment[0] == segment[-1] and len(_around(segment[0], cells)) == 2
+        numbers.append(np.full(len(path), len(joined), dtype=np.intp))
+        joined.append(
+            (-1, -1) if ring else (nodes.setdefault(segment[0], len(nodes)), nodes.setdefault(segment[-1], len(nodes)))
+        )
         along = np.concatenate([[0.0], np.cumsum(between)])
         tangent = np.gradient(path, axis=0)
         tangent = ndimage.uniform_filter1d(tangent, min(SMOOTH_CELLS, len(path)), axis=0, mode="nearest")
@@ -182,27 +216,25 @@ def _smoothed(
                     off &= ~near
         inner.append(far)
         off_junction.append(off)
-    if not rows:
-        empty = np.zeros(0)
-        return CrackLines(
-            empty,
-            empty,
-            np.zeros((0, 2)),
-            empty,
-            empty,
-            np.zeros(0, dtype=np.bool_),
-            np.zeros(0, dtype=np.bool_),
-            0,
-            0.0,
-        )
+    places = np.array(list(nodes), dtype=np.float64).reshape(-1, 2)
+    ends_of = np.array(joined, dtype=np.intp).reshape(-1, 2)
     return CrackLines(
-        row=np.concatenate(rows),
-        column=np.concatenate(columns),
-        normal=np.concatenate(normals),
-        step=np.concatenate(steps),
-        half_width=np.concatenate(halves),
-        inner=np.concatenate(inner),
-        off_junction=np.concatenate(off_junction),
+        row=_joined(rows, np.float64),
+        column=_joined(columns, np.float64),
+        normal=_joined(normals, np.float64).reshape(-1, 2),
+        step=_joined(steps, np.float64),
+        half_width=_joined(halves, np.float64),
+        inner=_joined(inner, np.bool_),
+        off_junction=_joined(off_junction, np.bool_),
         free_ends=len(free),
         end_width=float(np.mean(free)) if free else 0.0,
+        segment=_joined(numbers, np.intp),
+        ends=ends_of,
+        nodes=places,
+        degree=np.bincount(ends_of[ends_of >= 0], minlength=len(nodes)),
+        leaves=np.array([_at_border(cell, shape) for cell in nodes], dtype=np.bool_),
     )
+
+
+def _joined(pieces: Sequence[npt.NDArray[Any]], dtype: type) -> npt.NDArray[Any]:
+    return np.concatenate(pieces) if pieces else np.zeros(0, dtype=dtype)

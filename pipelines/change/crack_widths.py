@@ -13,7 +13,7 @@ from .crack_edges import RIM_CELLS, STEP, crack_edges
 from .crack_lines import CrackLines, crack_lines
 from .cracks import CrackRule, crack_mask
 
-__all__ = ["CrackOpenings", "crack_openings"]
+__all__ = ["CrackOpenings", "crack_openings", "opening_sigma"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,6 +103,20 @@ def crack_openings(
     x = scan.grid.x0_mm + (column + middle * normal[:, 0]) * pitch
     y = scan.grid.y0_mm + (row + middle * normal[:, 1]) * pitch
     return CrackOpenings(x, y, width, np.hypot(*sigmas) * pitch, step, float(np.mean(unseen)), lines)
+
+
+def opening_sigma(
+    openings: CrackOpenings, pitch_mm: float, where: npt.NDArray[np.bool_] | slice = slice(None)
+) -> float:
+    """Standard uncertainty of the mean opening of some points: the profiles' own, and what the raster leaves, mm."""
+    sigma, known = openings.sigma_mm[where], np.isfinite(openings.opening_mm[where])
+    # profiles closer than 5 cells read the same cells
+    independent = max(1.0, float(known.sum()) / 5)
+    random = float(np.sqrt(np.mean(sigma[known] ** 2) / independent)) if known.any() else pitch_mm
+    # whatever the noise, a seen edge is known to half a cell and one where measurement just begins to a cell (both
+    # uniform), the same way all along the crack: no averaging helps
+    raster = pitch_mm * np.sqrt(2 * ((1 - openings.unseen_edges) / 12 + openings.unseen_edges / 3))
+    return float(np.hypot(random, raster))
 
 
 def _profiles(

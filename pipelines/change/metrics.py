@@ -11,7 +11,8 @@ import numpy.typing as npt
 
 from ..scan import Scan
 from .crack_depths import CrackDepths, crack_depths
-from .crack_widths import CrackOpenings, crack_openings
+from .crack_lines import length_sigma
+from .crack_widths import CrackOpenings, crack_openings, opening_sigma
 from .cracks import crack_mask
 from .curl import edge_lift
 from .values import Comparison, Measurement, Metric
@@ -69,7 +70,7 @@ def _crack_area(comparison: Comparison) -> Measurement:
     area = float(_crack(comparison).sum()) * grid.cell_mm2
     openings = _openings(comparison)
     length = float(openings.lines.step.sum()) * grid.pitch_mm
-    return Measurement(area, max(length * _opening_sigma(openings, grid.pitch_mm), grid.cell_mm2))
+    return Measurement(area, max(length * opening_sigma(openings, grid.pitch_mm), grid.cell_mm2))
 
 
 def _crack_length(comparison: Comparison) -> Measurement:
@@ -78,10 +79,7 @@ def _crack_length(comparison: Comparison) -> Measurement:
         return NOT_MEASURED
     lines = _openings(comparison).lines
     length = float(lines.step.sum()) * pitch
-    # a free end lies within half a width of where the skeleton stops; stairs, spurs and gaps come to some 2.5 %: on
-    # soils of known length the error was 0.2 to 5 %, worst where cracks are hairlines
-    ends = float(np.sqrt(lines.free_ends)) * lines.end_width * pitch
-    return Measurement(length, float(np.hypot(np.hypot(ends, 0.025 * length), pitch)))
+    return Measurement(length, length_sigma(length, lines.free_ends, lines.end_width * pitch, pitch))
 
 
 def _crack_opening(comparison: Comparison) -> Measurement:
@@ -90,7 +88,7 @@ def _crack_opening(comparison: Comparison) -> Measurement:
     if not known.any():
         return NOT_MEASURED
     mean = float(np.average(openings.opening_mm[known], weights=openings.step_mm[known]))
-    return Measurement(mean, _opening_sigma(openings, comparison.scan.grid.pitch_mm))
+    return Measurement(mean, opening_sigma(openings, comparison.scan.grid.pitch_mm))
 
 
 def _crack_depth(comparison: Comparison) -> Measurement:
@@ -103,18 +101,6 @@ def _crack_volume(comparison: Comparison) -> Measurement:
 
 def _crack_seen(comparison: Comparison) -> Measurement:
     return Measurement(_depths(comparison).seen, 0.0)
-
-
-def _opening_sigma(openings: CrackOpenings, pitch_mm: float) -> float:
-    """Standard uncertainty of the mean opening: the profiles' own, and what the raster and the definition leave."""
-    known = np.isfinite(openings.opening_mm)
-    # profiles closer than 5 cells read the same cells
-    independent = max(1.0, float(known.sum()) / 5)
-    random = float(np.sqrt(np.mean(openings.sigma_mm[known] ** 2) / independent)) if known.any() else pitch_mm
-    # whatever the noise, a seen edge is known to half a cell and one where measurement just begins to a cell (both
-    # uniform), the same way all along the crack: no averaging helps
-    raster = pitch_mm * np.sqrt(2 * ((1 - openings.unseen_edges) / 12 + openings.unseen_edges / 3))
-    return float(np.hypot(random, raster))
 
 
 def _edge_lift(comparison: Comparison) -> Measurement:

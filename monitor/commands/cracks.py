@@ -1,0 +1,223 @@
+"""``microrelief cracks``: every crack by name through a store: how long, wide and deep, and how fast its tips go."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from cyclopts import Parameter
+
+from configs import InputError
+from pipelines import Scan, format_instant
+from storage import Store, open_store, write_series
+
+from ..progress import Progress, progress
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from pipelines.change import CrackSighting, CrackSightings
+
+__all__ = ["cracks"]
+
+TIPS = 2
+"""Tips that the table has columns for; JSON has all."""
+UNITS = {
+    "length": "mm",
+    "width": "mm",
+    "width_p95": "mm",
+    "width_max": "mm",
+    "widest_x": "mm",
+    "widest_y": "mm",
+    "depth": "mm",
+    "area": "mm2",
+    "area_fraction": "1",
+    "volume": "mm3",
+    "seen": "1",
+} | {
+    f"tip{n}_{name}": unit
+    for n in range(1, TIPS + 1)
+    for name, unit in {"x": "mm", "y": "mm", "advance": "mm", "speed": "mm/h"}.items()
+}
+
+
+def cracks(
+    store: Path,
+    *,
+    out: Path | None = None,
+    as_json: Annotated[bool, Parameter(name="--json", negative="")] = False,
+) -> int:
+    """Follow every crack by name through a store: growth, branching, merging.
+
+    Each scan is laid on its baseline as the store says, and cracks are looked for in the campaign's region. A crack
+    keeps its number in all scans. Writes one row for each crack in each scan: length, width (mean, 95 %, greatest and
+    where), depth and volume (at least: where the floor was seen, the share of which is told), area, and its tips with
+    their speeds. Prints each crack as it is in the last scan, and what happened: branched, met, merged.
+
+    Parameters
+    ----------
+    store
+        The store's folder.
+    out
+        File for the table: .csv or .parquet.
+    as_json
+        Print JSON: scans, cracks of the last scan, events.
+
+    Examples
+    --------
+    microrelief cracks soil.icechunk --out cracks.csv
+    microrelief cracks soil.icechunk --json
+    """
+    from pipelines.change import follow_cracks
+
+    from ..reprocess import campaign_of, rules_of
+
+    opened = open_store(store)
+    try:
+        if not len(opened):
+            raise InputError(f"{store}: holds no scan yet, so there is no crack to follow")
+        rules = rules_of(campaign_of(opened), opened)
+        region = rules.region
+        if rules.stable is not None:  # a frame's seams are no cracks
+            region = ~rules.stable if region is None else region & ~rules.stable
+        with progress("following cracks") as step:
+            found = [_told(sightings) for sightings in follow_cracks(_scans(opened, step), region=region)]
+    finally:
+        opened.close()
+    if out is not None:
+        write_series(_table(found), out)
+    if as_json:
+        print(json.dumps(_mapping(found), indent=1))
+        return 0
+    print("\n".join(_lines(found)))
+    if out is not None:
+        print(f"wrote {out}: {sum(len(scan['cracks']) for scan in found)} rows")
+    return 0
+
+
+def _scans(store: Store, step: Progress) -> Iterator[Scan]:
+    """Scans of a store, each moved onto its baseline."""
+    from pipelines.change import apply_motion
+
+    for number in range(len(store)):
+        stored = store[number]
+        yield stored.scan if stored.change is None else apply_motion(stored.scan, stored.change.motion)
+        step(number + 1, len(store))
+
+
+def _told(sightings: CrackSightings) -> dict[str, Any]:
+    """What is kept of one scan: no arrays of cells, which thousands of scans would fill the memory with."""
+    return {
+        "time": sightings.time,
+        "cracks": sightings.cracks,
+        "events": [
+            {"time": format_instant(sightings.time), "event": event.kind, "crack": event.identity, "other": event.other}
+            for event in sightings.events
+        ],
+    }
+
+
+def _row(crack: CrackSighting) -> dict[str, Any]:
+    size = crack.size
+    row: dict[str, Any] = {"identity": crack.identity}
+    for name in ("length", "width", "depth", "area", "volume"):
+        measured = getattr(size, name)
+        row |= {name: measured.value, f"{name}_sigma": measured.sigma}
+    return row | {
+        "width_p95": size.width_p95_mm,
+        "width_max": size.width_max_mm,
+        "widest_x": size.widest_mm[0],
+        "widest_y": size.widest_mm[1],
+        "area_fraction": size.area_fraction,
+        "seen": size.seen,
+    }
+
+
+def _table(found: list[dict[str, Any]]) -> pd.DataFrame:
+    import pandas as pd
+
+    rows = []
+    for scan in found:
+        into = {event["crack"]: event["other"] for event in scan["events"] if event["event"] == "merged"}
+        for crack in scan["cracks"]:
+            row = {"time": scan["time"]} | _row(crack)
+            tips = {tip.number: tip for tip in crack.tips}
+            for n in range(1, TIPS + 1):
+                tip = tips.get(n)
+                row |= {
+                    f"tip{n}_x": tip.x_mm if tip else math.nan,
+                    f"tip{n}_y": tip.y_mm if tip else math.nan,
+                    f"tip{n}_advance": tip.advance.value if tip else math.nan,
+                    f"tip{n}_advance_sigma": tip.advance.sigma if tip else math.nan,
+                    f"tip{n}_speed": tip.speed.value if tip else math.nan,
+                    f"tip{n}_speed_sigma": tip.speed.sigma if tip else math.nan,
+                }
+            row["from"] = "" if crack.branched_from is None else str(crack.branched_from)
+            row["took_in"] = " ".join(str(one) for one, other in sorted(into.items()) if other == crack.identity)
+            row["meets"] = " ".join(map(str, crack.meets))
+            rows.append(row)
+    columns = ["time", "identity"] if not rows else list(rows[0])
+    table = pd.DataFrame(rows, columns=columns).set_index("time")
+    table.attrs["units"] = UNITS
+    return table
+
+
+def _mapping(found: list[dict[str, Any]]) -> dict[str, Any]:
+    def known(value: Any) -> Any:
+        return None if isinstance(value, float) and math.isnan(value) else value
+
+    last = [
+        {name: known(value) for name, value in _row(crack).items()}
+        | {
+            "tips": [
+                {
+                    "tip": tip.number,
+                    "x": tip.x_mm,
+                    "y": tip.y_mm,
+                    "sigma": tip.sigma_mm,
+                    "speed": known(tip.speed.value),
+                }
+                for tip in crack.tips
+            ],
+            "from": crack.branched_from,
+            "meets": list(crack.meets),
+        }
+        for crack in found[-1]["cracks"]
+    ]
+    return {
+        "scans": len(found),
+        "last": format_instant(found[-1]["time"]),
+        "cracks": last,
+        "events": [event for scan in found for event in scan["events"]],
+        "units": UNITS,
+    }
+
+
+def _lines(found: list[dict[str, Any]]) -> list[str]:
+    last = found[-1]
+    span = f"{format_instant(found[0]['time'])} to {format_instant(last['time'])}"
+    lines = [f"{len(last['cracks'])} cracks in the last of {len(found)} scans, {span}"]
+    if last["cracks"]:
+        lines.append("  crack  length mm  width mm  widest mm  depth mm  volume mm3  floor seen  tips")
+    for crack in last["cracks"]:
+        size = crack.size
+        tips = ", ".join(
+            f"({tip.x_mm:.2f}, {tip.y_mm:.2f})"
+            + ("" if math.isnan(tip.speed.value) else f" {1000 * tip.speed.value:+.0f} um/h")
+            for tip in crack.tips
+        )
+        lines.append(
+            f"  {crack.identity:5d}  {size.length.value:9.2f}  {size.width.value:8.3f}  {size.width_max_mm:9.3f}  "
+            f"{size.depth.value:8.3f}  {size.volume.value:10.4f}  {100 * size.seen:8.0f} %  {tips}".rstrip()
+        )
+    said = {
+        "began": "crack {crack} began",
+        "branched": "crack {crack} branched from {other}",
+        "met": "crack {crack} met {other}",
+        "merged": "crack {crack} merged into {other}",
+    }
+    events = (event for scan in found for event in scan["events"])
+    return [*lines, *(f"{event['time']}  {said[event['event']].format(**event)}" for event in events)]
