@@ -4,7 +4,7 @@ from .board import Board, CharucoBoard
 from .calibration import calibrate, calibrate_decoded
 from .calibration_words import calibration_verdict, describe_calibration, rms_verdict
 from .decode import decode
-from .device import Device, DeviceName, device
+from .devices import Device, DeviceName, device
 from .diagnose import CAUSES, Diagnosis, Finding, diagnose, diagnose_stack
 from .frame_order import suggest_order
 from .frames import Frames

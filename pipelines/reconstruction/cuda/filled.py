@@ -166,7 +166,8 @@ def _sort(begins, ends, pixels):  # type: ignore[no-untyped-def]  # a kernel: nu
 @kernel
 def _fill(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     begins, ends, owned, cover_begins, cover_ends, covering,
-    cell, above, sigma_in, local, slope, texture_in, level_in, usual, pitch, shared, wide, height, sigma, texture, level,
+    cell, above, sigma_in, local, slope, texture_in, level_in, usual, pitch, shared, wide,
+    height, sigma, texture, level,
 ):  # fmt: skip
     """As `grid_kernels.fill`, into arrays with a row more before the first and after the last."""
     rows, columns = height.shape[0] - 2, height.shape[1]
@@ -207,25 +208,25 @@ def _fill(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
             for k in range(cover_begins[at], cover_ends[at]):
                 p = covering[k]
                 high, broad = _share(p, cell, local, usual, columns, row, column)
-                part = np.float32(high * broad)
-                if not part > 0:
+                lent = np.float32(high * broad)
+                if not lent > 0:
                     continue
                 x, y = local[p, 0] / np.float32(OFFSET), local[p, 1] / np.float32(OFFSET)
                 right = np.float32(column - cell[p] % columns - x)
                 up = np.float32(row - cell[p] // columns - y)
                 here = above[p] + np.float32(pitch / FINE) * (slope[p, 0] * right + slope[p, 1] * up)
                 if sums[WEIGHT] > 0 and abs(sums[HEIGHT] / sums[WEIGHT] - here) > gap:
-                    if sums[WEIGHT] >= part:
+                    if sums[WEIGHT] >= lent:
                         continue
                     for each in range(LOW):
                         sums[each] = zero
                     deepest = 0
                 if not wide:
                     rim = RIM
-                sums[WEIGHT] += part
-                sums[HEIGHT] += part * here
-                sums[ASIDE] += part * sigma_in[p] * sigma_in[p]
-                sums[LIGHT] += part * np.float32(texture_in[p])
+                sums[WEIGHT] += lent
+                sums[HEIGHT] += lent * here
+                sums[ASIDE] += lent * sigma_in[p] * sigma_in[p]
+                sums[LIGHT] += lent * np.float32(texture_in[p])
                 if level_in[p] != LEVEL_NONE:
                     deepest = max(deepest, level_in[p])
         if not sums[WEIGHT] > 0:
@@ -250,7 +251,7 @@ def _fill(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
         texture[row + 1, column] = np.uint8(sums[LIGHT] / count)
 
 
-@cuda.jit(device=True)  # type: ignore[untyped-decorator]
+@cuda.jit(device=True)
 def _share(p, cell, local, usual, columns, row, column):  # type: ignore[no-untyped-def]  # numba infers the types
     """Lengths along y and x that the footprint of a pixel has within a cell."""
     hx, hy = _half(local[p, 2], usual[0]), _half(local[p, 3], usual[1])
@@ -258,7 +259,7 @@ def _share(p, cell, local, usual, columns, row, column):  # type: ignore[no-unty
     return _overlap(cell[p] // columns + y, hy, row), _overlap(cell[p] % columns + x, hx, column)
 
 
-@cuda.jit(device=True)  # type: ignore[untyped-decorator]
+@cuda.jit(device=True)
 def _choose(sums, begin, end, owned, above, local, slope, sigma, texture):  # type: ignore[no-untyped-def]  # numba infers
     """As `grid_kernels._choose`, of one cell."""
     upper = 0
@@ -275,7 +276,7 @@ def _choose(sums, begin, end, owned, above, local, slope, sigma, texture):  # ty
 @kernel
 def _mend(heights, sigmas, lights, levels, gap, height, sigma, texture, level):  # type: ignore[no-untyped-def]  # a kernel
     """As `mend_kernels.mend`, from what was filled into new arrays."""
-    rows, columns = height.shape
+    columns = height.shape[1]
     for n in range(cuda.grid(1), height.size, cuda.gridsize(1)):
         row, column = n // columns, n % columns
         here = (row + 1) * columns + column  # the filled arrays have a row more before the first

@@ -31,10 +31,9 @@ class Steps:
     contrast: OnCard
 
 
-def decode_gray(frames: Frames) -> Steps:
-    """Bring a capture to the card and decode it, as `decode` does; light and noise are read on the CPU."""
+def decode_gray(frames: Frames, stack: OnCard) -> Steps:
+    """Decode a capture whose stack is on the card, as `decode` does; light and noise are read on the CPU."""
     rows, columns = frames.stack.shape[1:]
-    stack = up(frames.stack)
     flat = frames.stack.reshape(len(frames.stack), -1)
     given = _Pass(flat, frames.patterns, 0.1, max(read_light(frames).noise, ROUNDING))
     white, black, plus, minus, bits, share, limits = given.frames

@@ -22,6 +22,7 @@ from .points import add_doubt
 __all__ = ["LaidOnCard", "lay"]
 
 WIDE = 5  # a block of one pixel, and two to either side
+SLOTS = 17 * WIDE
 _differ_pixel = pixelwise(_differ, BLOCK=1, WIDE=WIDE)
 _note_pixel = pixelwise(_note, BLOCK=1, WIDE=WIDE)
 
@@ -105,9 +106,9 @@ def _lay(planes, place, shape, usual, cell, above, sigma, local, slope):  # type
     for n in range(cuda.grid(1), cell.size, cuda.gridsize(1)):
         i, j = n // W, n % W
         cell[i, j] = -1
-        if not planes[2, i, j] == planes[2, i, j]:
+        if planes[2, i, j] != planes[2, i, j]:  # NaN is not itself
             continue
-        block = cuda.local.array(17 * WIDE, float32)
+        block = cuda.local.array(SLOTS, float32)
         for a in range(3):
             for b in range(3):
                 k, m = i - 1 + a, j - 1 + b

@@ -14,7 +14,7 @@ from ..patterns import AXES
 from ..pixel_maps import Decoded
 from ..subpixel import RUNS, line_pictures, raster
 from ..threshold import edge_levels
-from .card import OnCard, clear, empty, kernel, launch, up
+from .card import OnCard, cached, clear, empty, kernel, launch, up
 from .gray import Steps
 
 __all__ = ["Placed", "bring", "place"]
@@ -70,10 +70,11 @@ def _between_edges(
     if not frames.patterns.complementary:
         tilt = edge_levels(frames, AXES[axis], cells, steps.copy_to_host())
     down, given, reach = line_pictures(frames, frames.stack, axis, cells, coarse.copy_to_host(), noise, tilt)
+    of_patterns = given.plus, given.minus, given.edge, given.centre, given.width
+    plus, minus, edge, centre, width = cached((frames.patterns, axis), lambda: [up(each) for each in of_patterns])
     launch(
-        _place, steps.size, found.stack, given.white, given.black, up(given.plus), up(given.minus), up(given.tilt),
-        up(given.edge), up(given.centre), up(given.width), up(given.unsure), given.noise, given.flat,
-        steps, found.contrast, down, fine, spread,
+        _place, steps.size, found.stack, given.white, given.black, plus, minus, up(given.tilt),
+        edge, centre, width, up(given.unsure), given.noise, given.flat, steps, found.contrast, down, fine, spread,
     )  # fmt: skip
     launch(_bend, steps.size, fine, spread, down, reach)
 
@@ -119,7 +120,7 @@ def _place(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
             while stop < end and stop - start <= REACH and steps[i0 + stop * di, j0 + stop * dj] == here:
                 stop += 1
         filled = False
-        if here != NO_CELL and 0 < start and stop < end and stop - start <= REACH:
+        if here != NO_CELL and start > 0 and stop < end and stop - start <= REACH:
             _, first = _edges_between(steps[i0 + (start - 1) * di, j0 + (start - 1) * dj], here)
             last, _ = _edges_between(here, steps[i0 + stop * di, j0 + stop * dj])
             if first >= 0 and last >= 0:

@@ -51,12 +51,13 @@ def sight_of(placed: Placed, calibration: Calibration) -> Sight:
     tables = ray_tables(cast(Decoded, placed), calibration)  # of which it asks for the size alone
     P = calibration.projector
     lens = np.array([P.K[0, 0], P.K[1, 1], P.K[0, 2], P.K[1, 2], *P.dist])
-    held = cached(calibration.id, lambda: [up(each) for each in (tables.rays, tables.lit)])
+    given = tables.rays, tables.lit, calibration.R, calibration.t_mm, lens
+    rays, lit, R, t, lens = cached(calibration.id, lambda: [up(each) for each in given])
     known = clear(2, np.int32)
     for n, place in enumerate((placed.column, placed.row)):
         launch(_any_known, place.size, place.reshape(place.size), n, known)
     least = LEAST_PARALLAX if known.copy_to_host().all() else 0.0
-    return Sight(held[0], held[1], up(calibration.R), up(calibration.t_mm), up(lens), least)
+    return Sight(rays, lit, R, t, lens, least)
 
 
 def triangulate(placed: Placed, sight: Sight) -> OnCard:

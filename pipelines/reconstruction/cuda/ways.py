@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import wraps
-from typing import Any, ParamSpec, TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +14,7 @@ from configs import DeviceUnavailable
 from ...grid import Grid
 from ...instant import Instant
 from ...scan import Scan
-from .. import decode as on_cpu
+from ..decode import decode
 from ..frames import Frames
 from ..height_doubt import doubt_mm, doubt_on
 from ..light import frame_of
@@ -25,7 +23,7 @@ from ..reconstruct import check_projector
 from ..rig_model import Calibration
 from ..surface import SHARED, _usual, stripe_px, stripe_raster
 from ..triangulate_parallel import triangulate_parallel
-from .card import SIMULATED, OnCard, empty, kernel, launch, up
+from .card import SIMULATED, OnCard, empty, kernel, launch, up, up_quickly
 from .filled import fill_cells
 from .gray import decode_gray
 from .laid import lay
@@ -33,8 +31,6 @@ from .place import Placed, bring, place
 from .points import add_doubt, drop_mixed, planes_of, point_map, sight_of, triangulate
 
 __all__ = ["reconstruct", "scan_frames", "to_scan"]
-
-Given, Result = ParamSpec("Given"), TypeVar("Result")
 
 
 @contextmanager
@@ -62,16 +58,7 @@ def _told() -> Iterator[None]:
         ) from error
 
 
-def _on_card(way: Callable[Given, Result]) -> Callable[Given, Result]:
-    @wraps(way)
-    def told(*args: Given.args, **kwargs: Given.kwargs) -> Result:
-        with _told():
-            return way(*args, **kwargs)
-
-    return told
-
-
-@_on_card
+@_told()
 def reconstruct(frames: Frames, calibration: Calibration) -> PointMap:
     """As `reconstruction.reconstruct`.
 
@@ -99,7 +86,7 @@ def reconstruct(frames: Frames, calibration: Calibration) -> PointMap:
     return point_map(planes, placed, sight, _texture(frames))
 
 
-@_on_card
+@_told()
 def to_scan(
     points: PointMap, calibration: Calibration, grid: Grid, time: Instant, *, remove_background: bool = True
 ) -> Scan:
@@ -112,10 +99,12 @@ def to_scan(
     """
     stripe = _stripe_px(up(points.projector[..., 0]), up(points.projector[..., 1]))
     texture, level = up(points.texture), up(points.level)
-    return _gridded(planes_of(points), texture, level, stripe, calibration, grid, time, background=not remove_background)
+    return _gridded(
+        planes_of(points), texture, level, stripe, calibration, grid, time, background=not remove_background
+    )
 
 
-@_on_card
+@_told()
 def scan_frames(frames: Frames, calibration: Calibration, grid: Grid, *, remove_background: bool = True) -> Scan:
     """As `reconstruction.scan_frames`: only frames go to the card, and only the height map comes back.
 
@@ -141,7 +130,9 @@ def scan_frames(frames: Frames, calibration: Calibration, grid: Grid, *, remove_
 
 
 def _placed(frames: Frames) -> Placed:
-    return place(frames, decode_gray(frames)) if frames.patterns.kind == "gray" else bring(on_cpu.decode(frames))
+    if frames.patterns.kind != "gray":
+        return bring(decode(frames))
+    return place(frames, decode_gray(frames, up_quickly(frames.stack)))
 
 
 def _gridded(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from importlib.util import find_spec
 from typing import Literal, Protocol
 
 from ..grid import Grid
@@ -14,7 +15,7 @@ from .reconstruct import reconstruct
 from .rig_model import Calibration
 from .surface import scan_frames, to_scan
 
-__all__ = ["Device", "DeviceName", "device"]
+__all__ = ["Device", "DeviceName", "device", "missing"]
 
 DeviceName = Literal["cpu", "cuda"]
 
@@ -22,13 +23,13 @@ DeviceName = Literal["cpu", "cuda"]
 class Reconstruct(Protocol):
     """`reconstruct.reconstruct`."""
 
-    def __call__(self, frames: Frames, calibration: Calibration) -> PointMap: ...  # noqa: D102 - the class says it
+    def __call__(self, frames: Frames, calibration: Calibration) -> PointMap: ...
 
 
 class ToScan(Protocol):
     """`surface.to_scan`."""
 
-    def __call__(  # noqa: D102 - the class says it
+    def __call__(
         self,
         points: PointMap,
         calibration: Calibration,
@@ -42,7 +43,7 @@ class ToScan(Protocol):
 class ScanFrames(Protocol):
     """`surface.scan_frames`."""
 
-    def __call__(  # noqa: D102 - the class says it
+    def __call__(
         self, frames: Frames, calibration: Calibration, grid: Grid, *, remove_background: bool = True
     ) -> Scan: ...
 
@@ -67,9 +68,20 @@ def device(name: DeviceName) -> Device:
     """
     if name == "cpu":
         return Device(name, reconstruct, to_scan, scan_frames)
-    from . import cuda  # numba's CUDA target is not installed everywhere, and is slow to import
-
-    why = cuda.missing()
+    why = missing()
     if why:
         raise ValueError(f"there is no GPU to work on: {why}")
+    from . import cuda  # only here: not installed everywhere, and slow to import
+
     return Device(name, cuda.reconstruct, cuda.to_scan, cuda.scan_frames)
+
+
+def missing() -> str:
+    """Why there is no GPU to work on, and what to do; empty if there is one."""
+    from numba import config, cuda
+
+    if find_spec("numba_cuda") is None and not config.ENABLE_CUDASIM:
+        return "the extra is not installed: pip install 'microrelief[cuda]'"
+    if not cuda.is_available():
+        return "no NVIDIA GPU with its driver is found on this machine (`nvidia-smi` lists what there is)"
+    return ""
