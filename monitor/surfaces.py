@@ -87,8 +87,8 @@ def _read(path: Path, rig: Calibration | None, patterns: PatternSet | None, pitc
     return read_height_map(path)
 
 
-def measure_points(path: Path, frames: Frames, rig: Calibration) -> PointMap:
-    """Reconstruct the capture that was read from a folder.
+def measure_points(path: Path, frames: Frames, rig: Calibration, on: rec.Device | None = None) -> PointMap:
+    """Reconstruct the capture that was read from a folder, on the CPU or another device.
 
     Raises
     ------
@@ -98,7 +98,7 @@ def measure_points(path: Path, frames: Frames, rig: Calibration) -> PointMap:
         If not one pixel was measured.
     """
     try:
-        points = rec.reconstruct(frames, rig)
+        points = (on or rec.device("cpu")).reconstruct(frames, rig)
     except ValueError as error:
         raise InputError(f"{path}: {error}") from error
     if not points.valid.any():

@@ -31,6 +31,7 @@ def reconstruct(
     patterns: Path | None = None,
     pitch_mm: float | None = None,
     keep_background: Annotated[bool, Parameter(negative="")] = False,
+    device: rec.DeviceName = "cpu",
     force: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
     """Turn one capture into a height map.
@@ -53,6 +54,8 @@ def reconstruct(
         Side of a cell; by default about one camera pixel.
     keep_background
         Keep a background that stands well apart.
+    device
+        What works it out: the CPU, or an NVIDIA GPU (`pip install 'microrelief[cuda]'`). Both give the same numbers.
     force
         Go on with a capture that would be refused, and say so.
 
@@ -61,10 +64,11 @@ def reconstruct(
     microrelief reconstruct captures/0001 --calibration calibration.json --out soil.nc
     """
     check_out(out, pitch_mm)
+    on = _device(device)
     rig = read_calibration(calibration)
     frames = read_capture(capture, read_patterns(patterns) if patterns is not None else None)
     unfit = _judged(frames, capture, force=force)
-    points = measure_points(capture, frames, rig)
+    points = measure_points(capture, frames, rig, on)
     if unfit:
         raise CaptureError(unfit)
     print(_about_points(points))
@@ -82,10 +86,17 @@ def reconstruct(
                 f"--pitch-mm {pitch_mm:g}: makes {grid.columns}x{grid.rows} cells of {pixels} camera pixels: "
                 f"most would be empty, leave it out (about {rec.footprint_grid(rig).pitch_mm:g} mm) or make it larger"
             )
-        scan = rec.to_scan(points, rig, grid, frames.time, remove_background=not keep_background)
+        scan = on.to_scan(points, rig, grid, frames.time, remove_background=not keep_background)
         print(_about_scan(scan))
         write_height_map(scan, out)
     print(f"wrote {out}")
+
+
+def _device(name: rec.DeviceName) -> rec.Device:
+    try:
+        return rec.device(name)
+    except ValueError as error:
+        raise InputError(f"--device {name}: {error}") from error
 
 
 def _judged(frames: Frames, capture: Path, *, force: bool) -> str:

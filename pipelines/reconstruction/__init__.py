@@ -4,6 +4,7 @@ from .board import Board, CharucoBoard
 from .calibration import calibrate, calibrate_decoded
 from .calibration_words import calibration_verdict, describe_calibration, rms_verdict
 from .decode import decode
+from .devices import Device, DeviceName, device
 from .diagnose import CAUSES, Diagnosis, Finding, diagnose, diagnose_stack
 from .frame_order import suggest_order
 from .frames import Frames
@@ -39,6 +40,8 @@ __all__ = [
     "CornerResidual",
     "Decoded",
     "DepthOfField",
+    "Device",
+    "DeviceName",
     "Diagnosis",
     "Figure",
     "Finding",
@@ -65,6 +68,7 @@ __all__ = [
     "decode",
     "depth_of_field",
     "describe_calibration",
+    "device",
     "diagnose",
     "diagnose_stack",
     "edge_contrast",

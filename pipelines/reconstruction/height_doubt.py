@@ -14,7 +14,7 @@ from .pixel_maps import PointMap
 from .rig_model import Calibration
 from .slabs import in_slabs
 
-__all__ = ["add_rows", "bow_mm", "doubt_mm", "doubt_of_cells", "narrowed", "with_doubt"]
+__all__ = ["add_rows", "bow_mm", "doubt_mm", "doubt_of_cells", "doubt_on", "narrowed", "with_doubt"]
 
 NODES = 17  # per axis of a grid: what is told there varies slowly
 LEAST = 1e-2  # of a point's sigma: what is left of it at least where nearly all of it is the calibration's
@@ -55,10 +55,15 @@ def narrowed(points: PointMap, calibration: Calibration) -> PointMap:
 
 def doubt_of_cells(sigma: Map, grid: Grid, calibration: Calibration) -> None:
     """Add what the calibration leaves open to the sigma (rows, columns) of cells, in place."""
+    _add(sigma, doubt_on(grid, calibration), 1.0, sigma)
+
+
+def doubt_on(grid: Grid, calibration: Calibration) -> Map:
+    """As `doubt_mm`, at nodes spread over a grid."""
     x, y = (np.linspace(side[0], side[-1], NODES) for side in (grid.x_mm, grid.y_mm))
     site = np.stack([*np.meshgrid(x, y), np.zeros((NODES, NODES))], axis=-1)
     points = (site - calibration.reference[:, 3]) @ calibration.reference[:, :3]
-    _add(sigma, _at(doubt_mm(calibration), project(calibration.camera, points), calibration.camera.size), 1.0, sigma)
+    return _at(doubt_mm(calibration), project(calibration.camera, points), calibration.camera.size)
 
 
 def _at(coarse: Map, pixels: Floats, size: tuple[int, int]) -> Map:

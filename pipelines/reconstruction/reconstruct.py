@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from ..scan import LEVEL_NONE
 from .clean import reject_mixed
@@ -12,7 +13,7 @@ from .rig_model import Calibration
 from .subpixel import locate
 from .triangulate import triangulate
 
-__all__ = ["check_projector", "reconstruct"]
+__all__ = ["check_projector", "reconstruct", "without"]
 
 
 def reconstruct(frames: Frames, calibration: Calibration) -> PointMap:
@@ -27,8 +28,12 @@ def reconstruct(frames: Frames, calibration: Calibration) -> PointMap:
     """
     check_projector(frames, calibration)
     points = triangulate(locate(frames), calibration)
-    mixed = reject_mixed(points)
-    for measured in (points.xyz, points.sigma_z, points.projector):  # just made here: nobody else holds them
+    return without(points, reject_mixed(points))
+
+
+def without(points: PointMap, mixed: npt.NDArray[np.bool_]) -> PointMap:
+    """Take out these pixels, in place: the points are just made, nobody else holds them."""
+    for measured in (points.xyz, points.sigma_z, points.projector):
         measured[mixed] = np.nan
     points.level[mixed] = LEVEL_NONE
     return points

@@ -17,7 +17,7 @@ from .pixel_maps import Decoded
 from .slabs import in_slabs
 from .threshold import edge_levels
 
-__all__ = ["locate", "refine"]
+__all__ = ["every", "line_pictures", "locate", "raster", "refine"]
 
 # What the frames' noise does not explain, projector px: flicker of the light leaves FLAT_PX, and a straight line
 # through an edge that is not straight BENT_PX times the square of projector px per camera px (cells that the camera
@@ -86,17 +86,66 @@ def _between_edges(
     sigma: Floats,
 ) -> None:
     """Fill the positions and sigmas of one axis."""
-    patterns, steps = frames.patterns, decoded.steps[axis]
+    steps = decoded.steps[axis]
+    tilt = light.tilt[axis] if frames.patterns.complementary else edge_levels(frames, AXES[axis], cells, steps)
+    stack = cast(Stack, np.ascontiguousarray(frames.stack))
+    down, pictures, reach = line_pictures(frames, stack, axis, cells, every(steps), light.noise, tilt)
+    run = along_columns if down else along_rows
+
+    def slab(first: int, last: int) -> None:
+        run(pictures, steps, decoded.contrast, first, last, reach, place, sigma)
+
+    in_slabs(steps.shape[1 if down else 0], slab)
+
+
+def every(steps: HalfSteps) -> HalfSteps:
+    """The raster of an image that says along which direction an axis grows, and how fast."""
+    rows, columns = raster(steps.shape)
+    return steps[::rows, ::columns]
+
+
+def raster(shape: tuple[int, ...]) -> list[int]:
+    """Steps of that raster along rows and columns."""
+    return [max(1, side // 200) for side in shape]
+
+
+def line_pictures(
+    frames: Frames, stack: Stack, axis: int, cells: AxisCells, coarse: HalfSteps, count_noise: float, tilt: Floats
+) -> tuple[bool, Pictures, int]:
+    """What the kernels are given for one axis.
+
+    Parameters
+    ----------
+    frames : Frames
+    stack : ndarray, shape (frame, row, column)
+        The frames' own, wherever the kernels read them.
+    axis : int
+    cells : AxisCells
+    coarse : ndarray of uint16
+        Half steps on a `raster`.
+    count_noise : float
+        Standard deviation of a pixel's value, counts.
+    tilt : ndarray of float32, shape (MAX_BITS,)
+        As of `Light`, or the level of the edges.
+
+    Returns
+    -------
+    down : bool
+        Whether the axis grows down the image.
+    pictures : Pictures
+    reach : int
+        Camera px over which the bend of the map is taken.
+    """
+    patterns, shape = frames.patterns, frames.stack.shape[1:]
     _, plus, minus = frame_indices(patterns)
-    tilt = light.tilt[axis] if patterns.complementary else edge_levels(frames, AXES[axis], cells, steps)
     none = cells.flips < 0
     centre = cells.centres()
-    down, density = _growth(steps, centre)
+    down, density = _growth(centre[coarse], raster(shape))
     scale = 256.0 ** (frames.stack.itemsize - 1)  # of contrast
-    noise = max(light.noise, ROUNDING)
+    noise = max(count_noise, ROUNDING)
     unsure = spread_of_contrast(np.sqrt(2) * noise / scale)
     pictures = Pictures(
-        stack=cast(Stack, np.ascontiguousarray(frames.stack)),
+        stack=stack,
         white=frame_of(patterns, "white"),
         black=frame_of(patterns, "black"),
         plus=np.where(none, -1, plus[axis][cells.flips]).astype(np.int32),
@@ -109,19 +158,11 @@ def _between_edges(
         noise=np.float32(noise * np.sqrt(2 if patterns.complementary else 6)),
         flat=np.float32(FLAT_PX**2 + (BENT_PX * density**2) ** 2),
     )
-    reach = max(0, min(round(1 / max(density, 1e-3)), REACH, (min(steps.shape) - 1) // 2))
-    run = along_columns if down else along_rows
-
-    def slab(first: int, last: int) -> None:
-        run(pictures, steps, decoded.contrast, first, last, reach, place, sigma)
-
-    in_slabs(steps.shape[1 if down else 0], slab)
+    return down, pictures, max(0, min(round(1 / max(density, 1e-3)), REACH, (min(shape) - 1) // 2))
 
 
-def _growth(steps: HalfSteps, centre: Floats) -> tuple[bool, float]:
+def _growth(coarse: Floats, skip: list[int]) -> tuple[bool, float]:
     """Whether an axis grows faster down the image than along its rows, and by how many px per camera px."""
-    skip = [max(1, side // 200) for side in steps.shape]
-    coarse = centre[steps[:: skip[0], :: skip[1]]]
     growth = []
     for axis in (1, 0):
         change = np.abs(np.diff(coarse, axis=axis))

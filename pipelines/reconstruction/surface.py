@@ -249,14 +249,23 @@ def _usual(calibration: Calibration, grid: Grid) -> tuple[float, float]:
 
 def _stripe_px(column: F32, row: F32) -> float:
     """Camera pixels per projector pixel, along the axis that is seen more coarsely."""
-    steps = [max(1, side // 200) for side in column.shape]
+    rows, columns = stripe_raster(column.shape)
     width = 1.0
     for place in (column, row):
-        here = place[: -1 : steps[0], : -1 : steps[1]]
-        along = np.abs(place[: -1 : steps[0], 1 :: steps[1]][: here.shape[0], : here.shape[1]] - here)
-        down = np.abs(place[1 :: steps[0], : -1 : steps[1]][: here.shape[0], : here.shape[1]] - here)
-        both = [float(np.median(change[np.isfinite(change)])) if np.isfinite(change).any() else 0.0
-                for change in (along, down)]  # fmt: skip
-        growth = math.hypot(*both)
-        width = max(width, 1 / growth) if growth > 0 else width
+        here = place[:-1:rows, :-1:columns]
+        aside, below = place[:-1:rows, 1::columns], place[1::rows, :-1:columns]
+        width = max(width, stripe_px(here, *(other[: here.shape[0], : here.shape[1]] for other in (aside, below))))
     return width
+
+
+def stripe_raster(shape: tuple[int, ...]) -> list[int]:
+    """Steps along rows and columns at which the stripes are measured."""
+    return [max(1, side // 200) for side in shape]
+
+
+def stripe_px(here: F32, aside: F32, below: F32) -> float:
+    """Camera pixels per projector pixel, from positions at pixels and at the next ones along and down the image."""
+    both = [float(np.median(change[np.isfinite(change)])) if np.isfinite(change).any() else 0.0
+            for change in (np.abs(aside - here), np.abs(below - here))]  # fmt: skip
+    growth = math.hypot(*both)
+    return 1 / growth if growth > 0 else 0.0
