@@ -109,22 +109,6 @@ def _crossings(stack, white, black, plus, minus, tilt, contrast, begin, i, j, di
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _crossing(stack, white, black, plus, minus, tilt, contrast, begin, i, j, di, dj):  # type: ignore[no-untyped-def]  # numba infers
-    """As `_crossings`, quick where one bit flips and crosses zero right here: nearly always."""
-    at = np.uintp(begin)
-    p, q, t = plus[at, 0], minus[at, 0], tilt[at, 0]
-    if plus.shape[1] == 1 and q >= 0:
-        # unsigned: a negative index would count from the end, and to look for one costs more than the reading
-        f, g, k, n, y, x = np.uintp(p), np.uintp(q), np.uintp(i - di), np.uintp(j - dj), np.uintp(i), np.uintp(j)
-        a = np.float32(np.int32(stack[f, k, n]) - np.int32(stack[g, k, n])) - t * np.float32(contrast[k, n])
-        b = np.float32(np.int32(stack[f, y, x]) - np.int32(stack[g, y, x])) - t * np.float32(contrast[y, x])
-        if (a > 0) != (b > 0):
-            slope = np.float32(1) / (a - b)
-            return a * slope - np.float32(1), abs(slope)
-    return _crossings(stack, white, black, plus, minus, tilt, contrast, begin, i, j, di, dj)
-
-
-@nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _edges_between(before, here):  # type: ignore[no-untyped-def]  # numba infers
     """Edges of the cells of two neighbours that face each other; equal unless the camera skips a cell, -1 if others."""
     k, n = np.int64(before), np.int64(here)
@@ -156,6 +140,55 @@ def _changes(before, here, found):  # type: ignore[no-untyped-def]  # numba infe
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
+def _cross_all(pictures, before, here, contrast, found, count, i, first, down, far, near, position, inverse):  # type: ignore[no-untyped-def]  # numba infers
+    """Where the bits cross zero between neighbours that differ, all of a line at once.
+
+    Apart from what is filled in between: so the processor waits for many places of many frames at the same time.
+
+    Parameters
+    ----------
+    before, here : ndarray of uint16, shape (n,)
+        Half steps of the pixels of a line and of the ones before.
+    found : ndarray of int32, shape (count,)
+        Which of them differ.
+    i, first : int
+        Where in the image the first of `here` lies.
+    down : int
+        1 if the ones before lie above, 0 if they lie to the left.
+    far, near : ndarray of int32, shape (count,)
+        Out: `_edges_between`.
+    position, inverse : ndarray of float32, shape (count,)
+        Out: `_crossings` at the far edge.
+    """
+    stack, white, black, plus, minus, tilt = pictures[:6]
+    single = plus.shape[1] == 1
+    y, back = np.uintp(i), np.uintp(i - down)
+    for c in range(count):
+        n = np.uintp(found[c])
+        begin, other = _edges_between(before[n], here[n])
+        far[c], near[c] = begin, other
+        if begin < 0:
+            continue
+        # nearly always one bit flips and crosses zero right here. Written out, as a call that hands on arrays costs as
+        # much as ten edges; unsigned, as a negative index would count from the end, and to look for one costs more than
+        # the reading
+        at, x = np.uintp(begin), np.uintp(first + np.intp(n))
+        p, q, t = plus[at, 0], minus[at, 0], tilt[at, 0]
+        if single and q >= 0:
+            f, g, left = np.uintp(p), np.uintp(q), np.uintp(x - np.uintp(1 - down))
+            a = np.float32(np.int32(stack[f, back, left]) - np.int32(stack[g, back, left]))
+            b = np.float32(np.int32(stack[f, y, x]) - np.int32(stack[g, y, x]))
+            a, b = a - t * np.float32(contrast[back, left]), b - t * np.float32(contrast[y, x])
+            if (a > 0) != (b > 0):
+                slope = np.float32(1) / (a - b)
+                position[c], inverse[c] = a * slope - np.float32(1), abs(slope)
+                continue
+        position[c], inverse[c] = _crossings(
+            stack, white, black, plus, minus, tilt, contrast, begin, i, np.intp(x), down, 1 - down
+        )
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def along_rows(pictures, steps, contrast, first, last, cells, fine, spread):  # type: ignore[no-untyped-def]  # numba infers
     """Fill rows `first` to `last` of `fine` and `spread` where an axis grows along the image's rows.
 
@@ -164,27 +197,28 @@ def along_rows(pictures, steps, contrast, first, last, cells, fine, spread):  # 
     """
     stack, white, black, plus, minus, tilt, edge, middle, wide, unsure, noise, flat = pictures
     W = steps.shape[1]
-    found = np.empty(W + 1, np.int32)
+    found, far, near = np.empty(W + 1, np.int32), np.empty(W + 1, np.int32), np.empty(W + 1, np.int32)
+    position, inverse = np.empty(W + 1, np.float32), np.empty(W + 1, np.float32)
     variance = np.empty(W, np.float32)
     one = np.float32(1)
     for i in range(first, last):
         step, place, light = steps[i], fine[i], contrast[i]
         count = _changes(step[:-1], step[1:], found)
+        _cross_all(pictures, step[:-1], step[1:], contrast, found, count, i, 1, 0, far, near, position, inverse)
+        far[count] = -1
         start, known = 0, False
         behind, value, error = np.float32(0), np.float32(0), np.float32(0)
         for c in range(count + 1):
             j = found[c] + 1 if c < count else W
-            here = step[j - 1]
-            far, near = _edges_between(here, step[j]) if c < count else (-1, -1)
+            here, begin = step[j - 1], far[c]
             filled = False
-            if far >= 0:
-                position, inverse = _crossing(stack, white, black, plus, minus, tilt, contrast, far, i, j, 0, 1)
-                ahead = np.float32(j) + position
-                length, rise = ahead - behind, edge[far] - value
+            if begin >= 0:
+                ahead = np.float32(j) + position[c]
+                length, rise = ahead - behind, edge[begin] - value
                 if known and length > 0 and j - start <= REACH and rise != 0:
                     filled = True
                     per = one / length
-                    e0, e1 = error * rise * per, noise * inverse * rise * per
+                    e0, e1 = error * rise * per, noise * inverse[c] * rise * per
                     rough = flat * _wider(here)
                     for m in range(start, j):
                         share = min(max((np.float32(m) - behind) * per, np.float32(0)), one)
@@ -198,11 +232,12 @@ def along_rows(pictures, steps, contrast, first, last, cells, fine, spread):  # 
             if c == count:
                 break
             known = False
-            if far >= 0:
-                if near != far:  # the camera skips a cell: the edge behind the next run is another one
-                    position, inverse = _crossing(stack, white, black, plus, minus, tilt, contrast, near, i, j, 0, 1)
-                known = position == position
-                behind, value, error = np.float32(j) + position, edge[near], noise * inverse
+            if begin >= 0:
+                at, slope = position[c], inverse[c]
+                if near[c] != begin:  # the camera skips a cell: the edge behind the next run is another one
+                    at, slope = _crossings(stack, white, black, plus, minus, tilt, contrast, near[c], i, j, 0, 1)
+                known = at == at
+                behind, value, error = np.float32(j) + at, edge[near[c]], noise * slope
             start = j
         _root(variance, spread[i])
         _add_bend(
@@ -216,29 +251,30 @@ def along_columns(pictures, steps, contrast, first, last, cells, fine, spread): 
     stack, white, black, plus, minus, tilt, edge, middle, wide, unsure, noise, flat = pictures
     H = steps.shape[0]
     size = last - first
-    found = np.empty(size + 1, np.int32)
+    found, far, near = np.empty(size + 1, np.int32), np.empty(size, np.int32), np.empty(size, np.int32)
+    position, inverse = np.empty(size, np.float32), np.empty(size, np.float32)
     start, known = np.zeros(size, np.int32), np.zeros(size, np.bool_)
     behind, value, error = np.zeros(size, np.float32), np.zeros(size, np.float32), np.zeros(size, np.float32)
-    one = np.float32(1)
     everywhere = np.arange(size).astype(np.int32)
+    one = np.float32(1)
     for i in range(1, H + 1):
         above, below = steps[i - 1, first:last], steps[min(i, H - 1), first:last]
         count = _changes(above, below, found) if i < H else size
+        if i < H:
+            _cross_all(pictures, above, below, contrast, found, count, i, first, 1, far, near, position, inverse)
+        else:
+            far[:] = -1
         for c in range(count):
             n = np.uintp(found[c]) if i < H else np.uintp(everywhere[c])
-            here, j = above[n], np.uintp(first) + n
-            far, near = _edges_between(here, below[n]) if i < H else (-1, -1)
+            here, j, begin = above[n], np.uintp(first) + n, far[c]
             filled = False
-            if far >= 0:
-                position, inverse = _crossing(
-                    stack, white, black, plus, minus, tilt, contrast, far, i, np.intp(j), 1, 0
-                )
-                ahead = np.float32(i) + position
-                length, rise = ahead - behind[n], edge[far] - value[n]
+            if begin >= 0:
+                ahead = np.float32(i) + position[c]
+                length, rise = ahead - behind[n], edge[begin] - value[n]
                 if known[n] and length > 0 and i - start[n] <= REACH and rise != 0:
                     filled = True
                     per = one / length
-                    e0, e1 = error[n] * rise * per, noise * inverse * rise * per
+                    e0, e1 = error[n] * rise * per, noise * inverse[c] * rise * per
                     b, v, rough = behind[n], value[n], flat * _wider(here)
                     for m in range(start[n], i):
                         share = min(max((np.float32(m) - b) * per, np.float32(0)), one)
@@ -250,13 +286,14 @@ def along_columns(pictures, steps, contrast, first, last, cells, fine, spread): 
                     fine[np.uintp(m), j] = centre
                     spread[np.uintp(m), j] = width * unsure[contrast[np.uintp(m), j]]
             known[n] = False
-            if far >= 0:
-                if near != far:
-                    position, inverse = _crossing(
-                        stack, white, black, plus, minus, tilt, contrast, near, i, np.intp(j), 1, 0
+            if begin >= 0:
+                at, slope = position[c], inverse[c]
+                if near[c] != begin:
+                    at, slope = _crossings(
+                        stack, white, black, plus, minus, tilt, contrast, near[c], i, np.intp(j), 1, 0
                     )
-                known[n] = position == position
-                behind[n], value[n], error[n] = np.float32(i) + position, edge[near], noise * inverse
+                known[n] = at == at
+                behind[n], value[n], error[n] = np.float32(i) + at, edge[near[c]], noise * slope
             start[n] = i
     for i in range(H):
         here = spread[i, first:last]

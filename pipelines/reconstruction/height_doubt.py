@@ -87,21 +87,32 @@ def _add(sigma: Map, coarse: Map, sign: float, out: Map) -> None:
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def add_rows(sigma, coarse, sign, out, top, rows):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     """Add (`sign` 1) or take out (-1) what the map says of some rows, the first of which is row `top` of `rows`."""
-    W = sigma.shape[1]
-    high, wide = np.float32(coarse.shape[0] - 1), np.float32(coarse.shape[1] - 1)
-    line = np.empty(coarse.shape[1], np.float32)
-    least, way = np.float32(LEAST * LEAST), np.float32(sign)
+    W, nodes = sigma.shape[1], coarse.shape[1]
+    high, step = np.float32(coarse.shape[0] - 1), np.float32(nodes - 1) / np.float32(max(W - 1, 1))
+    line, own = np.empty(nodes, np.float32), np.empty(W, np.float32)
+    begin = np.full(nodes, W, np.int64)  # first column behind each node
+    for j in range(W - 1, -1, -1):
+        begin[min(int(np.float32(j) * step), nodes - 2)] = j
+    for m in range(nodes - 2, -1, -1):  # nodes closer than columns have none
+        begin[m] = min(begin[m], begin[m + 1])
     for i in range(len(sigma)):
         place = np.float32(top + i) * high / np.float32(max(rows - 1, 1))
         k = min(int(place), coarse.shape[0] - 2)
         a = place - np.float32(k)
-        for j in range(len(line)):
+        for j in range(nodes):
             line[j] = coarse[k, j] * (np.float32(1) - a) + coarse[k + 1, j] * a
-        step = wide / np.float32(max(W - 1, 1))
         for j in range(W):
-            place = np.float32(j) * step
-            m = min(int(place), len(line) - 2)
-            b = place - np.float32(m)
-            doubt = line[m] * (np.float32(1) - b) + line[m + 1] * b
-            s = sigma[i, j] * sigma[i, j]
-            out[i, j] = np.sqrt(max(s + way * doubt * doubt, least * s))  # NaN stays NaN
+            own[j] = sigma[i, j]  # `out` may be `sigma`
+        for m in range(nodes - 1):
+            _add_between(own, line[m], line[m + 1], np.float32(sign), step, m, begin[m], begin[m + 1], out[i])
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _add_between(own, left, right, way, step, m, first, last, out):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """The same for the columns between two nodes: no look-up, so the compiler uses vector instructions."""
+    least, one = np.float32(LEAST * LEAST), np.float32(1)
+    for j in range(first, last):
+        b = np.float32(j) * step - np.float32(m)
+        doubt = left * (one - b) + right * b
+        s = own[j] * own[j]
+        out[j] = np.sqrt(max(s + way * doubt * doubt, least * s))  # NaN stays NaN

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numba as nb
 import numpy as np
+import numpy.typing as npt
 
 from .stripe_model import DOUBT, WIDTH
 
-__all__ = ["locate_pixels", "reject_washed", "tile_power"]
+__all__ = ["StripePlaces", "StripeView", "locate_pixels", "reject_washed", "tile_power"]
+
+F32 = npt.NDArray[np.float32]
 
 STRIDE = 2  # every other sample is enough to find the best
 FAR = 1e30
@@ -17,8 +22,93 @@ CUT_OFF = 0.02  # variance of swings where white is saturated: they are too larg
 LOOSE = {"reassoc", "contract", "arcp", "nsz"}  # sums may be reordered: what vector instructions need
 
 
+class StripeView(NamedTuple):
+    """One axis of a capture of stripes, as the kernels take it.
+
+    Parameters
+    ----------
+    stack : ndarray, shape (frame, row, column)
+    white, black : int
+        Frames.
+    plus, minus : ndarray of int64, shape (bits,)
+        Frames of the patterns, coarsest first, and of their inverses (-1: none).
+    shift, gain : ndarray of float32, shape (bits,)
+        What flicker added to the swing of each bit, and times how much it has to be taken.
+    blur : ndarray of uint8, shape (tile row, tile column)
+        Which blur of the model.
+    tile : int
+        Side, camera px.
+    swing, loose, power, first, candidate, per_px
+        Of the `SwingModel`.
+    loosest : ndarray of float32, shape (blur,)
+        Largest of `loose`.
+    unlike : ndarray of float32, shape (blur, sample)
+        `stripe_model.apart`.
+    near : int
+        Samples: two places no farther apart are one, and the spread between them is part of sigma.
+    lit, noise, floor : float
+        Least white minus black, standard deviation of pattern minus inverse, counts; error of the model, of the swing.
+    margin, worst : float
+        Least difference of cost from the best far place; largest cost.
+    """
+
+    stack: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
+    white: int
+    black: int
+    plus: npt.NDArray[np.int64]
+    minus: npt.NDArray[np.int64]
+    shift: F32
+    gain: F32
+    blur: npt.NDArray[np.uint8]
+    tile: int
+    swing: F32
+    loose: F32
+    loosest: F32
+    power: F32
+    first: npt.NDArray[np.int32]
+    candidate: npt.NDArray[np.int32]
+    unlike: F32
+    per_px: int
+    near: int
+    lit: float
+    noise: float
+    floor: float
+    margin: float
+    worst: float
+
+
+class StripePlaces(NamedTuple):
+    """What is found of some rows of an image, arrays of shape (row, column).
+
+    Parameters
+    ----------
+    place, sigma, cost : ndarray of float32
+        NaN where not found, `cost` where unlit.
+    coarser : ndarray of uint8
+        How many of the finest patterns the noise hides.
+    blank : ndarray of bool
+        Whether the place is one at which `BLANK` and more patterns are neither black nor white.
+    """
+
+    place: F32
+    sigma: F32
+    cost: F32
+    coarser: npt.NDArray[np.uint8]
+    blank: npt.NDArray[np.bool_]
+
+    @staticmethod
+    def room(shape: tuple[int, int]) -> StripePlaces:
+        """Arrays to be filled."""
+        place, sigma, cost = np.empty((3, *shape), np.float32)
+        return StripePlaces(place, sigma, cost, np.zeros(shape, np.uint8), np.empty(shape, np.bool_))
+
+    def rows(self, first: int, last: int) -> StripePlaces:
+        """Those of a stretch of rows."""
+        return StripePlaces(*(array[first:last] for array in self))
+
+
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def tile_power(stack, white, black, plus, minus, bits, tile, lit, loss, power, weight):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+def tile_power(stack, white, black, plus, minus, tile, lit, loss, power, weight):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     """Sum over the lit pixels of each tile what blur leaves of the stripes.
 
     Parameters
@@ -33,6 +123,7 @@ def tile_power(stack, white, black, plus, minus, bits, tile, lit, loss, power, w
         Filled: squares of pattern minus inverse, and of white minus black.
     """
     H, W = stack.shape[1:]
+    bits = plus.size
     for a in range(weight.shape[0]):
         for b in range(weight.shape[1]):
             weight[a, b] = 0
@@ -52,23 +143,27 @@ def tile_power(stack, white, black, plus, minus, bits, tile, lit, loss, power, w
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", fastmath=LOOSE)
-def _distance(seen, swing):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
-    """Squared distance of what is seen from what a sample of the model expects."""
-    total = np.float32(0)
+def _distance(seen, swing, sample):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """Squared distance of what is seen from what a sample of the model expects.
+
+    The whole table is handed on: a row of it would be a new array, whose references are counted, at the cost of five
+    distances.
+    """
+    total, at = np.float32(0), np.uintp(sample)
     for k in range(WIDTH):
-        d = seen[k] - swing[k]
+        d = seen[k] - swing[at, np.uintp(k)]
         total += d * d
     return total
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", fastmath=LOOSE)
-def _cost(seen, swing, loose, q, more):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+def _cost(seen, swing, loose, sample, q, more):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     """The same in variances: of noise, of white minus black, of the model's own error, of the blur."""
-    total = np.float32(0)
+    total, at = np.float32(0), np.uintp(sample)
     for k in range(WIDTH):
-        e = swing[k]
+        e = swing[at, np.uintp(k)]
         d = seen[k] - e
-        total += d * d / (more + q * (np.float32(1) + e * e) + loose[k])
+        total += d * d / (more + q * (np.float32(1) + e * e) + loose[at, np.uintp(k)])
     return total
 
 
@@ -81,7 +176,7 @@ def _scan(seen, word, near, swing, first, candidate, per_px, distances, samples)
         start = candidate[first[word] + c] * per_px
         least, where = np.float32(FAR), start
         for sample in range(start + STRIDE // 2, start + per_px, STRIDE):
-            here = _distance(seen, swing[sample])
+            here = _distance(seen, swing, sample)
             if here < least:
                 least, where = here, sample
         distances[c], samples[c] = least, where
@@ -102,52 +197,21 @@ def _around(seen, middle, near, swing, distances):  # type: ignore[no-untyped-de
     count = (min(middle + near, last) - low) // STRIDE + 1
     best, at = np.float32(FAR), low
     for c in range(count):
-        here = _distance(seen, swing[low + c * STRIDE])
+        here = _distance(seen, swing, low + c * STRIDE)
         distances[c] = here
         if here < best:
             best, at = here, low + c * STRIDE
     middle = at
     for sample in (middle - 1, middle + 1):
         if 0 <= sample <= last:
-            here = _distance(seen, swing[sample])
+            here = _distance(seen, swing, sample)
             if here < best:
                 best, at = here, sample
     return best, at, low, count
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def locate_pixels(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
-    stack,
-    white,
-    black,
-    plus,
-    minus,
-    bits,
-    shift,
-    gain,
-    blur,
-    tile,
-    swing,
-    loose,
-    loosest,
-    power,
-    first,
-    candidate,
-    unlike,
-    per_px,
-    near,
-    lit,
-    noise,
-    floor,
-    margin,
-    worst,
-    rows,
-    place,
-    sigma,
-    cost,
-    coarser,
-    blank,
-):
+def locate_pixels(view, rows, found):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     """Find where on the projector each pixel of some rows looks.
 
     The samples of the model around the place of the neighbour are compared first. If one of them fits, and no place far
@@ -156,33 +220,19 @@ def locate_pixels(  # type: ignore[no-untyped-def]  # a kernel: numba infers the
 
     Parameters
     ----------
-    stack : ndarray, shape (frame, row, column)
-    plus, minus : ndarray of int64, shape (bits,)
-    shift, gain : ndarray of float32, shape (bits,)
-        What flicker added to the swing of each bit, and times how much it has to be taken.
-    blur : ndarray of uint8, shape (tile row, tile column)
-        Which blur of the model.
-    swing, loose, power, first, candidate, per_px
-        Of the `SwingModel`.
-    loosest : ndarray of float32, shape (blur,)
-        Largest of `loose`.
-    unlike : ndarray of float32, shape (blur, sample)
-        `stripe_model.apart`.
-    near : int
-        Samples: two places no farther apart are one, and the spread between them is part of sigma.
-    lit, noise, floor : float
-        Least white minus black, standard deviation of pattern minus inverse, counts; error of the model, of the swing.
-    margin, worst : float
-        Least difference of cost from the best far place; largest cost.
+    view : StripeView
     rows : ndarray of int64
         Rows to visit.
-    place, sigma, cost : ndarray of float32, shape (len(rows), column)
-        Filled; NaN where not found, `cost` where unlit.
-    coarser : ndarray of uint8, shape (len(rows), column)
-        Filled: how many of the finest patterns the noise hides.
-    blank : ndarray of bool, shape (len(rows), column)
-        Filled: whether the place is one at which `BLANK` and more patterns are neither black nor white.
+    found : StripePlaces
+        Filled.
     """
+    stack, white, black, plus, minus = view.stack, view.white, view.black, view.plus, view.minus
+    shift, gain, blur, tile = view.shift, view.gain, view.blur, view.tile
+    swing, loose, loosest, power = view.swing, view.loose, view.loosest, view.power
+    first, candidate, unlike, per_px, near = view.first, view.candidate, view.unlike, view.per_px, view.near
+    lit, noise, floor, margin, worst = view.lit, view.noise, view.floor, view.margin, view.worst
+    place, sigma, cost, coarser, blank = found.place, found.sigma, found.cost, found.coarser, found.blank
+    bits = plus.size
     W = stack.shape[2]
     full = np.iinfo(stack.dtype).max
     seen = np.zeros(WIDTH, np.float32)
@@ -225,7 +275,7 @@ def locate_pixels(  # type: ignore[no-untyped-def]  # a kernel: numba infers the
             off, best, at, low, count, sure = np.float32(FAR), np.float32(FAR), -1, 0, 0, False
             if guess >= 0:
                 off, at, low, count = _around(seen, guess, near, model, distances)
-                best = _cost(seen, model[at], slack[at], q, more)
+                best = _cost(seen, model, slack, at, q, more)
                 gap = unlike[level, at] - np.sqrt(off)
                 sure = gap > 0 and gap * gap > (margin + best) * (more + 2 * q + loosest[level])
             if not (sure and best < 0.5 * worst):
@@ -236,8 +286,8 @@ def locate_pixels(  # type: ignore[no-untyped-def]  # a kernel: numba infers the
                     cost[n, j] = FAR
                     continue
                 off, at, low, count = _around(seen, at, near, model, distances)
-                best = _cost(seen, model[at], slack[at], q, more)
-                sure = rival < 0 or _cost(seen, model[rival], slack[rival], q, more) - best > margin
+                best = _cost(seen, model, slack, at, q, more)
+                sure = rival < 0 or _cost(seen, model, slack, rival, q, more) - best > margin
             cost[n, j] = best
             sure = sure and best <= worst
             guess = at if sure else -1
@@ -245,11 +295,11 @@ def locate_pixels(  # type: ignore[no-untyped-def]  # a kernel: numba infers the
             if not sure:
                 continue
             # Gauss and Newton from the best sample
-            before, here, after = model[max(at - 1, 0)], model[at], model[min(at + 1, last)]
+            before, after = max(at - 1, 0), min(at + 1, last)
             curvature, slope = np.float32(1e-9), np.float32(0)
             for bit in range(bits):
-                rise = (after[bit] - before[bit]) * np.float32(0.5)
-                e = here[bit]
+                rise = (model[after, bit] - model[before, bit]) * np.float32(0.5)
+                e = model[at, bit]
                 weight = np.float32(1) / (more + q * (np.float32(1) + e * e) + slack[at, bit])
                 curvature += rise * rise * weight
                 slope += rise * (seen[bit] - e) * weight
@@ -278,7 +328,7 @@ def locate_pixels(  # type: ignore[no-untyped-def]  # a kernel: numba infers the
             coarser[n, j] = hidden
             grey = 0
             for bit in range(bits):
-                grey += abs(here[bit]) < DOUBT and power[level, bit] > PLAIN
+                grey += abs(model[at, bit]) < DOUBT and power[level, bit] > PLAIN
             blank[n, j] = grey >= BLANK
             place[n, j] = (found + np.float32(0.5)) / per_px - np.float32(0.5)
             sigma[n, j] = min(spread, np.float32(near)) / per_px

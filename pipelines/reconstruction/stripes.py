@@ -21,7 +21,7 @@ from .patterns import AXES, Axis
 from .pixel_maps import Decoded
 from .settle import keep_surfaces, rise_px
 from .slabs import in_slabs
-from .stripe_kernels import locate_pixels, reject_washed, tile_power
+from .stripe_kernels import StripePlaces, StripeView, locate_pixels, reject_washed, tile_power
 from .stripe_model import SwingModel, apart, swing_model
 
 __all__ = ["decode_stripes"]
@@ -78,22 +78,16 @@ def decode_stripes(frames: Frames, noise: float, into: Decoded) -> None:
 def _along(job: _Job, place: F32, sigma: F32) -> U8:
     """Fill place and sigma of one axis; how many of the finest patterns are lost in the noise."""
     rows = len(place)
-    found, spread, cost = np.empty((3, *place.shape), np.float32)
-    coarser = np.zeros(place.shape, np.uint8)
-    blank, washed = np.empty((2, *place.shape), np.bool_)
-
-    def locate(first: int, last: int) -> None:
-        part = slice(first, last)
-        job.locate(np.arange(first, last), found[part], spread[part], cost[part], coarser[part], blank[part])
-
+    found = StripePlaces.room((rows, place.shape[1]))
+    washed = np.empty(place.shape, np.bool_)
     job.learn()
-    in_slabs(rows, locate)
-    away = min(MOST_AWAY, min(place.shape) // 8, ceil(PASSED_CELLS * job.model.cell_px / max(rise_px(found), 0.05)))
-    same_px = 0.5 * job.model.cell_px
-    in_slabs(rows, lambda first, last: reject_washed(found, blank, away, same_px, first, last, washed))
-    found[washed] = np.nan
-    keep_surfaces(found, spread, cost / job.model.bits, place, sigma, cell_px=job.model.cell_px)
-    return coarser
+    in_slabs(rows, lambda first, last: job.locate(np.arange(first, last), found.rows(first, last)))
+    cell = job.model.cell_px
+    away = min(MOST_AWAY, min(place.shape) // 8, ceil(PASSED_CELLS * cell / max(rise_px(found.place), 0.05)))
+    in_slabs(rows, lambda first, last: reject_washed(found.place, found.blank, away, 0.5 * cell, first, last, washed))
+    found.place[washed] = np.nan
+    keep_surfaces(found.place, found.sigma, found.cost / job.model.bits, place, sigma, cell_px=cell)
+    return found.coarser
 
 
 class _Job:
@@ -128,20 +122,9 @@ class _Job:
         rows, columns = self.stack.shape[1:]
         tiles = -(-rows // TILE), -(-columns // TILE)
         power, weight = np.empty((*tiles, model.bits)), np.empty(tiles)
-        loss = self.noise**2
         tile_power(
-            self.stack,
-            self.white,
-            self.black,
-            self.plus,
-            self.minus,
-            model.bits,
-            TILE,
-            self.lit,
-            loss,
-            power,
-            weight,
-        )
+            self.stack, self.white, self.black, self.plus, self.minus, TILE, self.lit, self.noise**2, power, weight
+        )  # fmt: skip
         kept = uniform_filter(power[..., -FINE:].sum(axis=-1), 3, mode="nearest")
         weight = uniform_filter(weight, 3, mode="nearest")
         whole = weight > 0
@@ -151,56 +134,48 @@ class _Job:
         blur: U8 = np.searchsorted(-between, -share).astype(np.uint8)
         return blur
 
-    def locate(self, rows: I64, place: F32, sigma: F32, cost: F32, coarser: U8, blank: Mask) -> None:
+    def locate(self, rows: I64, found: StripePlaces) -> None:
         """Fill the arrays for some rows, by `stripe_kernels.locate_pixels`."""
         model = self.model
-        locate_pixels(
-            self.stack,
-            self.white,
-            self.black,
-            self.plus,
-            self.minus,
-            model.bits,
-            self.shift,
-            self.gain,
-            self.blur,
-            TILE,
-            model.swing,
-            model.loose,
-            self.loosest,
-            model.power,
-            model.first,
-            model.candidate,
-            self.unlike,
-            model.per_px,
-            round(model.near_px * model.per_px),
-            self.lit,
-            self.noise,
-            self.floor,
-            MARGIN,
-            self.worst,
-            rows,
-            place,
-            sigma,
-            cost,
-            coarser,
-            blank,
+        view = StripeView(
+            stack=self.stack,
+            white=self.white,
+            black=self.black,
+            plus=self.plus,
+            minus=self.minus,
+            shift=self.shift,
+            gain=self.gain,
+            blur=self.blur,
+            tile=TILE,
+            swing=model.swing,
+            loose=model.loose,
+            loosest=self.loosest,
+            power=model.power,
+            first=model.first,
+            candidate=model.candidate,
+            unlike=self.unlike,
+            per_px=model.per_px,
+            near=round(model.near_px * model.per_px),
+            lit=self.lit,
+            noise=self.noise,
+            floor=self.floor,
+            margin=MARGIN,
+            worst=self.worst,
         )
+        locate_pixels(view, rows, found)
 
     def learn(self) -> None:
         """Learn from some rows what flicker of the light does to each bit, and how well the model fits at all."""
         height, width = self.stack.shape[1:]
         rows = np.unique(np.linspace(0, height - 1, TRIAL_ROWS).astype(np.int64))
-        place, sigma, cost = np.empty((3, len(rows), width), np.float32)
-        coarser = np.empty((len(rows), width), np.uint8)
-        blank = np.empty((len(rows), width), np.bool_)
+        found = StripePlaces.room((len(rows), width))
         self.floor = 3 * FLOOR  # before flicker is known
-        self.locate(rows, place, sigma, cost, coarser, blank)
-        self._learn_flicker(rows, place)
+        self.locate(rows, found)
+        self._learn_flicker(rows, found.place)
         self.floor = FLOOR
         for _ in range(4):
-            self.locate(rows, place, sigma, cost, coarser, blank)
-            known = cost[np.isfinite(cost)]
+            self.locate(rows, found)
+            known = found.cost[np.isfinite(found.cost)]
             if not known.size or np.median(known) < self.model.bits - 1:
                 return
             self.floor *= 1.5
