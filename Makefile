@@ -46,7 +46,7 @@ setup-test: .venv/installed-test system-test
 
 system-test:
 	@sh .ci/system-packages
-	@sh .ci/s3rver
+	@sh .ci/node-packages
 
 clean:
 	rm -rf .venv demo-out build dist

@@ -119,10 +119,16 @@ class Folder:
             return False
         newest = max(written, key=lambda path: path.stat().st_mtime_ns)
         temporary = file.with_name("ref.json.mended")
-        temporary.write_text(f'{{"snapshot":"{newest.name}"}}')
-        sync_file(temporary)
-        temporary.replace(file)
-        sync_file(file)
+        try:
+            temporary.write_text(f'{{"snapshot":"{newest.name}"}}')
+            sync_file(temporary)
+            temporary.replace(file)
+            sync_file(file)
+        except OSError as error:
+            raise StoreError(
+                f"{self}: {file.relative_to(self.path)} was torn by a power cut and cannot be mended here: "
+                f"{error.strerror}; open the store once where it can be written, or open a copy of it"
+            ) from None
         return True
 
     def advance(self, repository: Any, before: str, snapshot: str) -> None:

@@ -25,6 +25,7 @@ READ = """
 import multiprocessing, sys, time
 import numpy as np
 import icechunk, xarray, zarr, pandas  # once, before the readers part
+import storage.icechunk_store, storage.view
 from storage import open_store
 from tests.storage.ticks import surface
 
@@ -48,7 +49,7 @@ def read(url, seconds, seed, results):
             number = int(rng.integers(count))
             check(store[number], number)
             opened, newest = opened + 1, count
-            time.sleep(0.5)  # ten who never rest would leave a writer on two cores no time for 5 Hz
+            time.sleep(2.0)  # as ten who look on do; without rest they would leave a writer on two cores no time
         results.put((opened, newest, ""))
     except BaseException as error:
         results.put((opened, newest, f"{type(error).__name__}: {error}"))

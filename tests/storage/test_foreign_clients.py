@@ -19,6 +19,9 @@ from storage import write_change, write_height_map
 
 from .ticks import GRID, change_of, surface
 
+NODE_MODULES = Path(__file__).resolve().parents[2] / ".cache" / "loaders.gl" / "node_modules"
+"""Where `.ci/node-packages` puts them."""
+
 SCAN = surface(3)
 CELLS = SCAN.height[::-1].astype(np.float64)
 """mm, the top row first, as images are."""
@@ -141,10 +144,10 @@ console.log(JSON.stringify(Array.from(data.attributes.POSITION.value)));
 
 
 def test_loaders_gl_reads_las(tmp_path: Path) -> None:
-    node, modules = client("node", "nodejs"), os.environ.get("MICRORELIEF_NODE_MODULES", "")
-    if not (Path(modules) / "@loaders.gl" / "las").is_dir():
-        pytest.skip("needs npm's @loaders.gl/core and @loaders.gl/las in $MICRORELIEF_NODE_MODULES")
-    (tmp_path / "node_modules").symlink_to(modules)
+    node = client("node", "nodejs")
+    if not (NODE_MODULES / "@loaders.gl" / "las").is_dir():
+        pytest.skip("needs npm's @loaders.gl/core and @loaders.gl/las: sh .ci/node-packages")
+    (tmp_path / "node_modules").symlink_to(NODE_MODULES)
     (tmp_path / "read.mjs").write_text(LOADERS)
     places = np.array(json.loads(run(node, str(tmp_path / "read.mjs"), str(written(tmp_path, ".las"))))).reshape(-1, 3)
     measured = np.isfinite(SCAN.height)

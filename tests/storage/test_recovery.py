@@ -105,6 +105,19 @@ def test_a_torn_reference_is_mended(tmp_path: Path, torn: bytes) -> None:
     assert len(open_store(tmp_path / "s")) == 2
 
 
+def test_a_torn_reference_that_cannot_be_mended_is_one_clear_line(tmp_path: Path) -> None:
+    _store(tmp_path / "s", 1)
+    reference = tmp_path / "s" / "refs" / "branch.main" / "ref.json"
+    reference.write_bytes(b"")
+    reference.with_name("ref.json.mended").mkdir()  # in the way, as a disk that can only be read would be
+    with pytest.raises(
+        StoreError, match=r"ref.json was torn by a power cut and cannot be mended here: .*; open"
+    ) as caught:
+        open_store(tmp_path / "s")
+    assert "\n" not in str(caught.value)
+    assert reference.read_bytes() == b"", "nothing was made worse"
+
+
 def test_nothing_whole_is_one_clear_line(tmp_path: Path) -> None:
     _store(tmp_path / "s", 1)
     for snapshot in (tmp_path / "s" / "snapshots").iterdir():

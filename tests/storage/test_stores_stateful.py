@@ -20,7 +20,7 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 
-import storage.repository
+import storage.folder
 from configs import StoreError
 from pipelines import Grid, Measurement, Tick
 from storage import STORES, Store, create_store, open_store
@@ -94,9 +94,9 @@ class Machine(RuleBasedStateMachine):
             raise Crash
 
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(storage.repository, "sync_file_system", crash)
+            patch.setattr(storage.folder, "sync_file_system", crash)
             if not whole:
-                patch.setattr("storage.icechunk_store.publish", crash)
+                patch.setattr(storage.folder.Folder, "publish", crash)
             with pytest.raises(Crash):
                 self.store.append(tick)
         self.slot, self.calibration, self.baseline = slot, known, baseline
@@ -186,3 +186,18 @@ def test_every_store_does_what_a_list_does(kind: str, runs: int, steps: int) -> 
         suppress_health_check=list(HealthCheck),
     )
     run_state_machine_as_test(machine, settings=run)
+
+
+@pytest.mark.parametrize("whole", [False, True])
+def test_a_crash_before_the_commit_leaves_what_was(whole: bool) -> None:
+    """The rule by itself: few runs of the machine above come to it."""
+    machine = type("Crashing", (DiskMachine,), {"kind": "icechunk"})()
+    machine.make()
+    try:
+        for what in ("recalibrated", "compared"):
+            machine.append(what)
+            machine.crash_before_commit(what, whole)
+            machine.gives_the_same()
+            machine.read(-1)
+    finally:
+        machine.teardown()
