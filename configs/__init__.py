@@ -5,7 +5,9 @@ from typing import TYPE_CHECKING, Any
 from .errors import CaptureError, ConfigError, DeviceUnavailable, InputError, MicroreliefError, StoreError
 
 if TYPE_CHECKING:
-    from .campaign import Alarm, CalibrationSource, Campaign, RigSettings, Schedule, Site
+    from .alarm import Alarm
+    from .campaign import CalibrationSource, Campaign, RigSettings, Schedule, Site
+    from .environment import Environment
     from .load import CampaignFile, did_you_mean, load_campaign, parse_campaign, read_campaign
     from .places import Document, Route, read_yaml
     from .units import format_duration, parse_duration
@@ -19,6 +21,7 @@ __all__ = [
     "ConfigError",
     "DeviceUnavailable",
     "Document",
+    "Environment",
     "InputError",
     "MicroreliefError",
     "RigSettings",
@@ -36,7 +39,9 @@ __all__ = [
 ]
 
 _LATER = {
-    "campaign": ("Alarm", "CalibrationSource", "Campaign", "RigSettings", "Schedule", "Site"),
+    "alarm": ("Alarm",),
+    "campaign": ("CalibrationSource", "Campaign", "RigSettings", "Schedule", "Site"),
+    "environment": ("Environment",),
     "load": ("CampaignFile", "did_you_mean", "load_campaign", "parse_campaign", "read_campaign"),
     "places": ("Document", "Route", "read_yaml"),
     "units": ("format_duration", "parse_duration"),

@@ -25,11 +25,11 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError
 
 from .alarm import Alarm
+from .environment import Environment
 from .settings import FolderPath, Number, Positive, Settings, Text, at_key, from_folder
 from .units import DURATION, Duration, format_duration, parse_duration
 
 __all__ = [
-    "Alarm",
     "CalibrationSource",
     "Campaign",
     "GridSettings",
@@ -295,6 +295,9 @@ class Campaign(Settings):
     )
     metrics: tuple[Text, ...] = Field(default=("net_volume",), description="What is followed through time.")
     alarms: tuple[Alarm, ...] = ()
+    environment: Environment | None = Field(
+        default=None, description="Temperature and humidity: kept with each scan, and regressed out of the trends."
+    )
     retain: Retain = Retain()
 
     @model_validator(mode="after")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["AlarmLimits", "Line", "alarm_limits"]
+__all__ = ["AlarmLimits", "Line", "alarm_limits", "max_lag_hours"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,16 +32,8 @@ def alarm_limits(campaign: str) -> tuple[AlarmLimits, ...]:
 
     The text is read as YAML and not as a `Campaign`: a report must not fail because a rig's options have changed since.
     """
-    from ruamel.yaml import YAML
-    from ruamel.yaml.error import YAMLError
-
-    if not campaign.strip():
-        return ()
-    try:
-        settings = YAML(typ="safe", pure=True).load(campaign)
-    except YAMLError:
-        return ()
-    alarms = settings.get("alarms") if isinstance(settings, dict) else None
+    settings = _settings(campaign)
+    alarms = settings.get("alarms")
     found: list[AlarmLimits] = []
     for alarm in alarms if isinstance(alarms, list) else []:
         if not isinstance(alarm, dict) or not isinstance(alarm.get("metric"), str):
@@ -58,6 +50,24 @@ def alarm_limits(campaign: str) -> tuple[AlarmLimits, ...]:
         ]
         found.append(AlarmLimits(str(alarm.get("name", alarm["metric"])), alarm["metric"], tuple(lines), _rules(alarm)))
     return tuple(found)
+
+
+def max_lag_hours(campaign: str) -> float:
+    """Find the longest lag of the environment in a campaign file's text; 0 where it names none."""
+    environment = _settings(campaign).get("environment")
+    lag = environment.get("max_lag_hours") if isinstance(environment, dict) else None
+    return float(lag) if isinstance(lag, int | float) else 0.0
+
+
+def _settings(campaign: str) -> dict[str, Any]:
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import YAMLError
+
+    try:
+        settings = YAML(typ="safe", pure=True).load(campaign)
+    except YAMLError:
+        return {}
+    return settings if isinstance(settings, dict) else {}
 
 
 def _rules(alarm: dict[str, Any]) -> tuple[str, ...]:

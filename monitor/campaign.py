@@ -29,6 +29,7 @@ from storage import (
 
 from . import __version__
 from .clock import Clock
+from .environment import Reading, make_sensor, units_of
 from .loop import Loop, Outcome, Settled
 from .resume import resume_slots
 from .rigs import BOARD, Rig, calibration_captures, make_rig, rig_options
@@ -146,6 +147,11 @@ def run_campaign(
             rig = rig_of(campaign, store)  # a fresh one: what the other captured, and how often, does not count
             rig.open()
             stack.callback(rig.close)
+        environment = campaign.environment
+        sensor = make_sensor(environment, campaign.site.zone) if environment is not None else None
+        if sensor is not None:
+            sensor.open()
+            stack.callback(sensor.close)
         slots, last = resume_slots(campaign, ledger.rows(), clock.now(), now)
         loop = Loop(
             slots,
@@ -164,6 +170,7 @@ def run_campaign(
             notes=not now,
             rig_is_open=True,
             room=room_of(campaign.store.path, store.about.grid, len(store), campaign.store.reserve_mb).shortage,
+            reading=Reading(environment, sensor) if environment is not None and sensor is not None else None,
             inbox=Inbox(campaign.store.path, campaign.store.beside),
             commit_every_s=campaign.schedule.video.commit_every_s if campaign.schedule.video is not None else 0.0,
         )
@@ -310,7 +317,7 @@ def _provenance(campaign: Campaign, patterns: PatternSet, store: Store) -> str:
 def _units(campaign: Campaign) -> dict[str, str]:
     from pipelines.change import METRICS
 
-    return {name: METRICS[name].unit for name in campaign.metrics}
+    return {name: METRICS[name].unit for name in campaign.metrics} | units_of(campaign.environment)
 
 
 def _open_existing(campaign: Campaign) -> Store | None:
