@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["AlarmLimits", "Line", "alarm_limits", "max_lag_hours"]
+__all__ = ["AlarmLimits", "Line", "alarm_limits", "max_lag_hours", "rule_words"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +49,9 @@ def alarm_limits(campaign: str) -> tuple[AlarmLimits, ...]:
             )
             if isinstance(alarm.get(key), int | float)
         ]
-        found.append(AlarmLimits(str(alarm.get("name", alarm["metric"])), alarm["metric"], tuple(lines), _rules(alarm)))
+        found.append(
+            AlarmLimits(str(alarm.get("name", alarm["metric"])), alarm["metric"], tuple(lines), rule_words(alarm))
+        )
     return tuple(found)
 
 
@@ -70,7 +73,7 @@ def _settings(campaign: str) -> dict[str, Any]:
     return settings if isinstance(settings, dict) else {}
 
 
-def _rules(alarm: dict[str, Any]) -> tuple[str, ...]:
+def rule_words(alarm: Mapping[str, Any]) -> tuple[str, ...]:
     """Say what else raises an alarm than a limit of the value, and how it falls back."""
 
     def number(key: str) -> str:
@@ -88,12 +91,12 @@ def _rules(alarm: dict[str, Any]) -> tuple[str, ...]:
         words.append(f"warning if the trend{back} reaches a limit within {number('within_days')} days")
     chart = alarm.get("chart")
     if isinstance(chart, str):
-        every = number("false_alarm_every_scans") or "370"
+        every = number("false_alarm_every_scans") or "400"
         words.append(f"{chart.upper()} chart, one false alarm in {every} scans")
     confirm = alarm.get("confirm")
-    if isinstance(confirm, list) and len(confirm) == 2:
+    if isinstance(confirm, list | tuple) and len(confirm) == 2 and confirm[1] != 1:
         words.append(f"{confirm[0]} of {confirm[1]} values must be beyond a limit")
-    if number("clear_by"):
+    if number("clear_by") not in ("", "0"):
         words.append(f"falls back {number('clear_by')} inside its limit")
     words.append(f"no data after {number('no_data_after_slots') or '3'} slots")
     return tuple(words)

@@ -20,7 +20,7 @@ import numpy as np
 from configs import Environment, InputError
 from pipelines import ENVIRONMENT, Event, Instant, Measurement, Scan, parse_instant
 
-__all__ = ["SOURCES", "Reading", "Sensor", "make_sensor", "units_of"]
+__all__ = ["SOURCES", "Reading", "Sensor", "make_sensor", "source_of", "units_of"]
 
 
 class Sensor(Protocol):
@@ -43,6 +43,11 @@ def make_sensor(settings: Environment, zone: str) -> Sensor:
     """Make the sensor that a campaign names; times of its file that name no zone are in `zone`."""
     kind = next(name for name in SOURCES if getattr(settings, name) is not None)
     return SOURCES[kind](settings, zone)
+
+
+def source_of(settings: Environment) -> str:
+    """Where a campaign reads its environment, as people write it."""
+    return str(next(where for where in (settings.csv, settings.http, settings.mqtt) if where is not None))
 
 
 def units_of(settings: Environment | None) -> dict[str, str]:

@@ -43,13 +43,19 @@ def trends(findings: Findings) -> Section | None:
             "rate."
         )
         head = ("Metric", "Rate", "Rate without the environment", "Effects", "Lag")
-        tables.append(Table("Rates ± one standard uncertainty", head, tuple(row for row, _ in corrected)))
+        tables.append(
+            Table("Rates ± one standard uncertainty", head, tuple(row for row, _ in corrected), links=_links(findings))
+        )
     changes = tuple(row for metric in findings.metrics for row in _changes(findings, metric))
     if changes:
         head = ("Metric", "When", "Shift", "Rate before", "Rate after")
-        tables.append(Table("Where a metric took another course", head, changes))
+        tables.append(Table("Where a metric took another course", head, changes, links=_links(findings)))
     figures += [figure for _, figure in corrected]
     return Section("trends", "Trends", text=tuple(text), tables=tuple(tables), figures=tuple(figures))
+
+
+def _links(findings: Findings) -> dict[str, str]:
+    return {metric.title: metric.anchor for metric in findings.metrics if metric.definition}
 
 
 def _corrected(findings: Findings, metric: Named) -> tuple[tuple[str, ...], Figure] | None:
@@ -106,7 +112,11 @@ def _figure(findings: Findings, metric: Named) -> Figure:
     count = int(np.isfinite(values).sum())
     alternative = f"{metric.title} over {count} scans; the newest value is {newest}."
     slope = _slope(fit_trend(findings.times, values, sigmas), findings.times, metric.unit)
-    return Figure(trend_svg(trend, alternative), f"{metric.title}: now {newest}{slope}")
+    return Figure(
+        trend_svg(trend, alternative),
+        f"{metric.title}: now {newest}{slope}",
+        link=metric.anchor if metric.definition else "",
+    )
 
 
 def _slope(fitted: FittedTrend, times: np.ndarray, unit: str) -> str:
