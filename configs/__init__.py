@@ -5,7 +5,9 @@ from typing import TYPE_CHECKING, Any
 from .errors import CaptureError, ConfigError, DeviceUnavailable, InputError, MicroreliefError, StoreError
 
 if TYPE_CHECKING:
-    from .campaign import Alarm, CalibrationSource, Campaign, RigSettings, Site
+    from .alarm import Alarm
+    from .campaign import CalibrationSource, Campaign, RigSettings, Site
+    from .environment import Environment
     from .load import CampaignFile, did_you_mean, load_campaign, parse_campaign, read_campaign
     from .notify import Condition, Notify
     from .places import Document, Route, read_yaml
@@ -23,6 +25,7 @@ __all__ = [
     "ConfigError",
     "DeviceUnavailable",
     "Document",
+    "Environment",
     "InputError",
     "MicroreliefError",
     "Notify",
@@ -42,7 +45,9 @@ __all__ = [
 ]
 
 _LATER = {
-    "campaign": ("Alarm", "CalibrationSource", "Campaign", "RigSettings", "Site"),
+    "alarm": ("Alarm",),
+    "campaign": ("CalibrationSource", "Campaign", "RigSettings", "Site"),
+    "environment": ("Environment",),
     "load": ("CampaignFile", "did_you_mean", "load_campaign", "parse_campaign", "read_campaign"),
     "notify": ("Condition", "Notify"),
     "places": ("Document", "Route", "read_yaml"),

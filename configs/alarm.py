@@ -59,7 +59,7 @@ class Alarm(Settings):
     )
     false_alarm_every_scans: Annotated[float, Strict(), Field(ge=10, le=100_000)] | None = Field(
         default=None,
-        description="Of the chart: scans between two false alarms in the mean while nothing changes; 370 unless given.",
+        description="Of the chart: scans between two false alarms in the mean while nothing changes; 400 unless given.",
     )
     no_data_after_slots: Count = Field(
         default=3, description="No data is an alarm: after so many slots in a row without a value that can be judged."

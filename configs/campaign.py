@@ -24,13 +24,13 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError
 
 from .alarm import Alarm
+from .environment import Environment
 from .notify import Notifies
 from .schedule import Schedule
 from .settings import FolderPath, Polygon, Positive, Settings, Text, Zone, at_key, from_folder
 from .units import DURATION, format_duration, parse_duration
 
 __all__ = [
-    "Alarm",
     "CalibrationSource",
     "Campaign",
     "GridSettings",
@@ -230,6 +230,9 @@ class Campaign(Settings):
     )
     metrics: tuple[Text, ...] = Field(default=("net_volume",), description="What is followed through time.")
     alarms: tuple[Alarm, ...] = ()
+    environment: Environment | None = Field(
+        default=None, description="Temperature and humidity: kept with each scan, and regressed out of the trends."
+    )
     retain: Retain = Retain()
     notify: Notifies = Field(default=(), description="Who is told of alarms, missing data, a lost device, a full disk.")
 

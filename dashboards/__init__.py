@@ -1,5 +1,6 @@
 """Reads a store and shows it: the Rerun timeline and the report."""
 
+from .alarm_limits import rule_words
 from .calibration_report import calibration_page
 from .findings import Findings, gather
 from .record import record_review
@@ -24,6 +25,7 @@ __all__ = [
     "open_command",
     "open_viewer",
     "record_review",
+    "rule_words",
     "serve_web",
     "write_findings",
     "write_report",

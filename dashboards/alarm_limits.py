@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["AlarmLimits", "Line", "alarm_limits"]
+__all__ = ["AlarmLimits", "Line", "alarm_limits", "max_lag_hours", "rule_words"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,16 +33,8 @@ def alarm_limits(campaign: str) -> tuple[AlarmLimits, ...]:
 
     The text is read as YAML and not as a `Campaign`: a report must not fail because a rig's options have changed since.
     """
-    from ruamel.yaml import YAML
-    from ruamel.yaml.error import YAMLError
-
-    if not campaign.strip():
-        return ()
-    try:
-        settings = YAML(typ="safe", pure=True).load(campaign)
-    except YAMLError:
-        return ()
-    alarms = settings.get("alarms") if isinstance(settings, dict) else None
+    settings = _settings(campaign)
+    alarms = settings.get("alarms")
     found: list[AlarmLimits] = []
     for alarm in alarms if isinstance(alarms, list) else []:
         if not isinstance(alarm, dict) or not isinstance(alarm.get("metric"), str):
@@ -56,11 +49,31 @@ def alarm_limits(campaign: str) -> tuple[AlarmLimits, ...]:
             )
             if isinstance(alarm.get(key), int | float)
         ]
-        found.append(AlarmLimits(str(alarm.get("name", alarm["metric"])), alarm["metric"], tuple(lines), _rules(alarm)))
+        found.append(
+            AlarmLimits(str(alarm.get("name", alarm["metric"])), alarm["metric"], tuple(lines), rule_words(alarm))
+        )
     return tuple(found)
 
 
-def _rules(alarm: dict[str, Any]) -> tuple[str, ...]:
+def max_lag_hours(campaign: str) -> float:
+    """Find the longest lag of the environment in a campaign file's text; 0 where it names none."""
+    environment = _settings(campaign).get("environment")
+    lag = environment.get("max_lag_hours") if isinstance(environment, dict) else None
+    return float(lag) if isinstance(lag, int | float) else 0.0
+
+
+def _settings(campaign: str) -> dict[str, Any]:
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import YAMLError
+
+    try:
+        settings = YAML(typ="safe", pure=True).load(campaign)
+    except YAMLError:
+        return {}
+    return settings if isinstance(settings, dict) else {}
+
+
+def rule_words(alarm: Mapping[str, Any]) -> tuple[str, ...]:
     """Say what else raises an alarm than a limit of the value, and how it falls back."""
 
     def number(key: str) -> str:
@@ -78,12 +91,12 @@ def _rules(alarm: dict[str, Any]) -> tuple[str, ...]:
         words.append(f"warning if the trend{back} reaches a limit within {number('within_days')} days")
     chart = alarm.get("chart")
     if isinstance(chart, str):
-        every = number("false_alarm_every_scans") or "370"
+        every = number("false_alarm_every_scans") or "400"
         words.append(f"{chart.upper()} chart, one false alarm in {every} scans")
     confirm = alarm.get("confirm")
-    if isinstance(confirm, list) and len(confirm) == 2:
+    if isinstance(confirm, list | tuple) and len(confirm) == 2 and confirm[1] != 1:
         words.append(f"{confirm[0]} of {confirm[1]} values must be beyond a limit")
-    if number("clear_by"):
+    if number("clear_by") not in ("", "0"):
         words.append(f"falls back {number('clear_by')} inside its limit")
     words.append(f"no data after {number('no_data_after_slots') or '3'} slots")
     return tuple(words)

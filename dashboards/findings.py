@@ -9,16 +9,21 @@ import numpy as np
 import pandas as pd
 
 from pipelines import AlarmState, Event, Instant, Measurement, StandingAlarm, standing_alarms
+from pipelines.trends import RateMoments
 from storage import About, Inbox, Store, Stored
 
-from .alarm_limits import AlarmLimits, alarm_limits
+from .alarm_limits import AlarmLimits, alarm_limits, max_lag_hours
 from .metric_names import Named, name_metric
+from .raster import block_mean, shrink_factor
 from .visits import Visit, visits
 
-__all__ = ["Findings", "Quality", "gather"]
+__all__ = ["Findings", "Quality", "RateMap", "gather"]
 
 _MOST_READ = 400
 """Scans read for quality and alarm history: a campaign of years is sampled evenly, its newest scan always in."""
+
+_MOST_RATES = 100_000
+"""Places of the map of rates."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +39,16 @@ class Quality:
     verdict: str
     reason: str
     alarms: Mapping[str, AlarmState]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RateMap:
+    """Rate per day of blocks of `factor` x `factor` cells and its standard uncertainty, mm; from so many scans."""
+
+    rate: np.ndarray
+    sigma: np.ndarray
+    factor: int
+    scans: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,6 +74,10 @@ class Findings:
         With acknowledgements that the store's writer has yet to take in.
     quality : tuple of Quality
         Of every scan, or of an even sample of a very long campaign.
+    rates : RateMap or None
+        How fast each place moves, from the well registered of these scans since the baseline.
+    max_lag_hours : float
+        Of the campaign's environment.
     """
 
     about: About
@@ -73,6 +92,8 @@ class Findings:
     visits: tuple[Visit, ...]
     events: tuple[Event, ...]
     quality: tuple[Quality, ...]
+    rates: RateMap | None = None
+    max_lag_hours: float = 0.0
 
     @property
     def alarms(self) -> Mapping[str, AlarmState]:
@@ -116,16 +137,19 @@ def gather(store: Store, *, progress: Callable[[int, int], None] | None = None) 
     strip = set(_strip(chosen))
     kept: dict[int, Stored] = {}
     quality: list[Quality] = []
+    last = store[total - 1] if total else None
+    rates = _Rates(last) if last is not None else None
     planned: list[Instant] = []
     for done, number in enumerate(chosen, start=1):
         stored = store[number]
         planned.append(stored.planned)
         quality.append(_quality(stored))
+        if rates is not None:
+            rates.add(stored)
         if number in strip:
             kept[number] = stored
         if progress is not None:
             progress(done, len(chosen))
-    last = store[total - 1] if total else None
     first = store[last.baseline] if last is not None else None
     series = store.series()
     waiting = (event for _, event in Inbox(about.location).waiting())
@@ -142,7 +166,32 @@ def gather(store: Store, *, progress: Callable[[int, int], None] | None = None) 
         visits=visits(store, planned if len(chosen) == total else None),
         events=(*store.events, *waiting),
         quality=tuple(quality),
+        rates=rates.result() if rates is not None else None,
+        max_lag_hours=max_lag_hours(about.campaign),
     )
+
+
+class _Rates:
+    """Gathers the rate of each place while scans are read for other reasons: the same work for any length of record."""
+
+    def __init__(self, last: Stored) -> None:
+        self._epoch, self._since = last.epoch, last.scan.time
+        rows, columns = last.scan.grid.shape
+        self._factor = shrink_factor(rows, columns, _MOST_RATES)
+        self._moments = RateMoments((-(-rows // self._factor), -(-columns // self._factor)))
+        self._scans = 0
+
+    def add(self, stored: Stored) -> None:
+        change = stored.change
+        if stored.epoch != self._epoch or change is None or change.motion.verdict != "good":
+            return
+        day = float((stored.scan.time - self._since) / np.timedelta64(1, "D"))
+        self._moments.add(day, block_mean(change.dz, self._factor))
+        self._scans += 1
+
+    def result(self) -> RateMap | None:
+        rate, sigma = self._moments.rate()
+        return RateMap(rate, sigma, self._factor, self._scans) if np.isfinite(rate).any() else None
 
 
 def _strip(chosen: list[int], most: int = 4) -> list[int]:

@@ -6,6 +6,7 @@ import base64
 from xml.sax.saxutils import escape
 
 import numpy as np
+import numpy.typing as npt
 
 from pipelines import Change, Scan
 
@@ -13,7 +14,7 @@ from .palette import CHANGE_SCALE, HEIGHT_SCALE, NOT_MEASURED, Rgb, colour_table
 from .quantities import plain
 from .raster import Range, change_png, height_png
 
-__all__ = ["change_map", "height_map"]
+__all__ = ["change_map", "height_map", "rate_map"]
 
 _WIDTH = 420.0
 _FOOT = 62.0
@@ -38,7 +39,18 @@ def change_map(scan: Scan, change: Change, limit_mm: float, alternative: str) ->
     return _map(png, scan, CHANGE_SCALE, Range(-limit_mm, limit_mm), alternative, bool(np.isnan(change.dz).any()))
 
 
-def _map(png: bytes, scan: Scan, scale: tuple[Rgb, ...], span: Range, alternative: str, holes: bool) -> str:
+def rate_map(
+    scan: Scan, rate: npt.NDArray[np.float64], sigma: npt.NDArray[np.float64], limit: float, alternative: str
+) -> str:
+    """Draw rates of blocks of a scan's cells, mm per day; those that chance explains at 95 % are pale."""
+    png = change_png(rate.astype(np.float32), (1.96 * sigma).astype(np.float32), limit, _MOST_CELLS)
+    holes = bool(np.isnan(rate).any())
+    return _map(png, scan, CHANGE_SCALE, Range(-limit, limit), alternative, holes, "mm/d")
+
+
+def _map(
+    png: bytes, scan: Scan, scale: tuple[Rgb, ...], span: Range, alternative: str, holes: bool, unit: str = "mm"
+) -> str:
     grid = scan.grid
     height = _WIDTH * grid.rows / grid.columns
     per_mm = _WIDTH / (grid.columns * grid.pitch_mm)
@@ -72,7 +84,7 @@ def _map(png: bytes, scan: Scan, scale: tuple[Rgb, ...], span: Range, alternativ
         for index, (red, green, blue) in enumerate(colour_table(scale, steps))
     ]
     for share, value in ((0.0, span.low), (0.5, (span.low + span.high) / 2), (1.0, span.high)):
-        text = f"{'+' if value > 0 and span.low < 0 else ''}{plain(value, 2)}" + (" mm" if share == 1 else "")
+        text = f"{'+' if value > 0 and span.low < 0 else ''}{plain(value, 2)}" + (f" {unit}" if share == 1 else "")
         anchor = "end" if share == 1 else "middle"
         x = _WIDTH if share == 1 else left + share * (right - left)
         parts.append(f'<text class="tick" x="{x:.1f}" y="{at + 24:.1f}" text-anchor="{anchor}">{text}</text>')

@@ -25,6 +25,12 @@ class Named:
     unit: str
     title: str
     definition: str
+    uncertainty: str = ""
+
+    @property
+    def anchor(self) -> str:
+        """Where a report's page defines it."""
+        return f"metric-{self.name}"
 
     @property
     def label(self) -> str:
@@ -46,7 +52,7 @@ def name_metric(name: str, unit: str) -> Named:
     """Find the words of a metric; one that this version does not know keeps its own name."""
     known = METRICS.get(name)
     if known is not None:
-        return Named(name, unit, known.title, known.definition)
+        return Named(name, unit, known.title, known.definition, known.uncertainty)
     words = name.replace("_", " ")
     return Named(name, unit, words[:1].upper() + words[1:], "")
 

@@ -16,6 +16,7 @@ __all__ = [
     "Watches",
     "after_gap",
     "after_scan",
+    "explained",
     "gaps_in",
     "resumed",
     "rule_of",
@@ -60,12 +61,30 @@ def rule_of(alarm: Alarm) -> AlarmRule:
         within_days=alarm.within_days,
         chart=alarm.chart,
         model=alarm.chart_model or "level",
-        false_alarm_every=alarm.false_alarm_every_scans or 370.0,
+        false_alarm_every=alarm.false_alarm_every_scans or 400.0,
         confirm=alarm.confirm,
         clear_by=alarm.clear_by,
         no_data_after=alarm.no_data_after_slots,
         unit=unit_text(metric.unit) if metric is not None else alarm.unit or "",
     )
+
+
+def explained(alarm: Alarm) -> str:
+    """Say an alarm in one line, as `run --dry-run` and `doctor` do."""
+    from dashboards import rule_words
+    from pipelines.change import METRICS
+
+    unit = unit_text(METRICS[alarm.metric].unit)
+    limits = []
+    for name, value in (
+        ("warning above", alarm.warn_above),
+        ("alarm above", alarm.alarm_above),
+        ("warning below", alarm.warn_below),
+        ("alarm below", alarm.alarm_below),
+    ):
+        if value is not None:
+            limits.append(f"{name} {value:g} {unit}".rstrip())
+    return f"{alarm.name} ({alarm.metric}): {'; '.join((*limits, *rule_words(alarm.model_dump())))}"
 
 
 def states_of(alarms: Sequence[Alarm], watches: Watches) -> dict[str, AlarmState]:

@@ -31,6 +31,7 @@ from . import __version__
 from .adaptive import pace_of
 from .clock import Clock, RealClock
 from .companions import Companions
+from .environment import Reading, make_sensor, units_of
 from .loop import Loop, Outcome, Settled
 from .notify import notifier_of
 from .resume import resume_slots
@@ -162,6 +163,11 @@ def run_campaign(
             if on_settled is not None:
                 on_settled(settled)
 
+        environment = campaign.environment
+        sensor = make_sensor(environment, campaign.site.zone) if environment is not None else None
+        if sensor is not None:
+            sensor.open()
+            stack.callback(sensor.close)
         slots, last = resume_slots(campaign, ledger.rows(), clock.now(), now, pace)
         loop = Loop(
             slots,
@@ -180,6 +186,7 @@ def run_campaign(
             notes=not now,
             rig_is_open=True,
             room=room_of(campaign.store.path, store.about.grid, len(store), campaign.store.reserve_mb).shortage,
+            reading=Reading(environment, sensor) if environment is not None and sensor is not None else None,
             inbox=Inbox(campaign.store.path, campaign.store.beside),
             commit_every_s=campaign.schedule.video.commit_every_s if campaign.schedule.video is not None else 0.0,
             rules=_slot_rules(campaign),
@@ -335,7 +342,7 @@ def _provenance(campaign: Campaign, patterns: PatternSet, store: Store) -> str:
 def _units(campaign: Campaign) -> dict[str, str]:
     from pipelines.change import METRICS
 
-    return {name: METRICS[name].unit for name in campaign.metrics}
+    return {name: METRICS[name].unit for name in campaign.metrics} | units_of(campaign.environment)
 
 
 def _open_existing(campaign: Campaign) -> Store | None:

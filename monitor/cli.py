@@ -48,6 +48,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "cracks": ("cracks:cracks", "Follow every crack by name through a store: length, width, depth, tips."),
     "resolution": ("resolution:resolution", "Measure contrast against line width, and depth of field, on a chart."),
     "optics": ("optics:optics", "Work out the geometry of a rig: angles, overlap, blur, diffraction."),
+    "metrics": ("metrics:metrics", "Say what every metric is, and what its uncertainty is made of."),
     "schema": ("schema:schema", "Write the JSON schema of campaign files, for editors."),
 }
 """Every command: the function in `monitor.commands` that it calls, imported only then, and what it does."""

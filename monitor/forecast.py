@@ -14,7 +14,9 @@ from configs import Campaign, InputError, format_duration
 from pipelines import Instant, PatternSet, as_datetime, format_instant
 from storage import BYTES_PER_CELL, used_bytes
 
+from .alarms import explained
 from .campaign import read_pattern_set, simulated_calibration_file
+from .environment import source_of
 from .resume import resume_point
 from .scheduler import Slots, grace_of, slots_between
 
@@ -49,6 +51,9 @@ def forecast_lines(campaign: Campaign, now: Instant) -> list[str]:
     lines += _rates(campaign)
     lines += _disk(campaign, patterns, slots, now)
     lines.append(_calibration(campaign, patterns))
+    lines += [f"  alarm {explained(alarm)}" for alarm in campaign.alarms]
+    if campaign.environment is not None:
+        lines.append(f"  environment {', '.join(campaign.environment.fields)} from {source_of(campaign.environment)}")
     return lines
 
 

@@ -6,17 +6,21 @@ import platform
 import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing
 from dataclasses import dataclass
 from importlib import import_module, metadata
 from pathlib import Path
 from typing import Literal
 
 from configs import Campaign, CaptureError, MicroreliefError, Notify
-from pipelines import PatternSet
+from pipelines import ENVIRONMENT, PatternSet, unit_text
 from storage import network_file_system, open_store, store_exists
 
 from . import __version__
+from .alarms import explained
 from .campaign import UNTRUSTED, read_pattern_set, simulated_calibration_file
+from .clock import RealClock
+from .environment import Sensor, make_sensor
 from .forecast import bytes_per_scan, format_bytes
 from .notify import read_targets, send_test
 from .rigs import DevicesRig, make_rig, measure_delay
@@ -78,6 +82,13 @@ def check_campaign(campaign: Campaign) -> Iterator[Finding]:
     else:
         mend = f"`microrelief calibrate POSE_DIR... --board COLUMNSxROWS --square-mm MM --out {file}`"
         yield _try("calibration", lambda: _read_calibration(file), mend)
+    for alarm in campaign.alarms:
+        yield Finding("ok", "alarm", explained(alarm))
+    environment = campaign.environment
+    if environment is not None:
+        mend = "see the message; without it scans go on, and trends are not corrected"
+        zone = campaign.site.zone
+        yield _try("environment", lambda: _environment_told(make_sensor(environment, zone)), mend)
     store = campaign.store.path
     yield _try("store", lambda: _store_told(store), "see the message; a store that was there: `microrelief status`")
     remote = network_file_system(store)
@@ -193,6 +204,13 @@ def _delay_told(campaign: Campaign, patterns: PatternSet) -> str:
     if given_ms < delay.most_ms:
         raise CaptureError(f"{seen}, and settle_ms is {given_ms:g}: set rig option settle_ms to {delay.settle_ms:g}")
     return f"{seen}; settle_ms of {given_ms:g} is enough"
+
+
+def _environment_told(sensor: Sensor) -> str:
+    with closing(sensor):
+        sensor.open()
+        found = sensor.read(RealClock().now())
+    return ", ".join(f"{name} {value:g} {unit_text(ENVIRONMENT[name])}" for name, value in found.items())
 
 
 def _store_told(store: str | Path) -> str:

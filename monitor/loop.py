@@ -19,6 +19,7 @@ from .alarms import Watches, after_gap, resumed, told
 from .baseline import unfit
 from .clock import Clock, seconds_between
 from .committing import Committer, LedgerLike
+from .environment import Reading
 from .rigs import Rig
 from .scheduler import Slots
 from .slot_rules import NOT_RUNNING, Gap, SlotRules, answer
@@ -132,6 +133,8 @@ class Loop:
         What the note of the beginning says of the campaign.
     notes : bool
         Note the beginning and the end in the store; a single scan is neither.
+    reading : Reading, optional
+        Temperature and humidity, kept with each scan.
     inbox : Inbox, optional
         Where other processes leave events for the store, such as acknowledgements.
     room : callable
@@ -160,6 +163,7 @@ class Loop:
     notes: bool = True
     rig_is_open: bool = False
     room: Callable[[], str] = lambda: ""
+    reading: Reading | None = None
     inbox: Inbox | None = None
     commit_every_s: float = 0.0
     rules: SlotRules = field(default_factory=SlotRules)
@@ -349,7 +353,13 @@ class Loop:
         if epoch is None and tick.scan is not None and before:  # there was no data before the first scan
             changes = told(self.recipe.alarms, before, self._watches, tick.scan.time)
             tick = replace(tick, events=(*tick.events, *(change.event for change in changes)))
-        return tick, result.state, result.cause
+        return self._with_environment(tick), result.state, result.cause
+
+    def _with_environment(self, tick: Tick) -> Tick:
+        if self.reading is None or tick.scan is None:
+            return tick
+        quantities, events = self.reading.at(tick.scan)
+        return replace(tick, metrics={**tick.metrics, **quantities}, events=(*tick.events, *events))
 
     def _surprise(self, planned: Instant, began: Instant, error: Exception) -> tuple[Tick, State, str]:
         _log.error("unexpected error", planned=format_instant(planned), traceback=traceback.format_exc())

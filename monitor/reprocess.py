@@ -12,7 +12,7 @@ from pathlib import Path
 from threading import Lock
 
 from configs import Alarm, Campaign, InputError, StoreError, parse_campaign
-from pipelines import Calibration, Event, Grid, Instant, Scan
+from pipelines import ENVIRONMENT, Calibration, Event, Grid, Instant, Measurement, Scan
 from storage import Rework, ScanTable, Spread, Store, open_store
 
 from . import __version__
@@ -196,7 +196,8 @@ def process(
     while rework.next < count and not (rework.next > last and rework.settled):
         for remade in _until_epoch(job, rework, spread, starts, count):
             watches = after_gap(rules.alarms, watches, gaps[remade.number], "no scan")
-            watches = _write(rework, remade, rules, old_events, remade.number in starts, watches)
+            kept = _environment(table, remade.number)
+            watches = _write(rework, remade, rules, old_events, remade.number in starts, watches, kept)
             step(rework.next - first, max(last + 1, rework.next) - first)
             if remade.number > last and rework.settled:
                 break
@@ -268,8 +269,20 @@ def _until_epoch(job: Job, rework: Rework, spread: Spread, starts: set[int], cou
             close()
 
 
+def _environment(table: ScanTable, number: int) -> dict[str, Measurement]:
+    """Give what was read beside a scan: no pipeline makes it anew."""
+    pairs = {name: table.metrics[name] for name in ENVIRONMENT if name in table.metrics}
+    return {name: Measurement(float(values[number]), float(sigmas[number])) for name, (values, sigmas) in pairs.items()}
+
+
 def _write(
-    rework: Rework, remade: Remade, rules: Rules, old: Mapping[int, tuple[Event, ...]], chosen: bool, watches: Watches
+    rework: Rework,
+    remade: Remade,
+    rules: Rules,
+    old: Mapping[int, tuple[Event, ...]],
+    chosen: bool,
+    watches: Watches,
+    environment: Mapping[str, Measurement],
 ) -> Watches:
     scan, notes = remade.finding.scan, remade.notes
     before = old.get(int(scan.time.astype("int64")), ())
@@ -286,7 +299,7 @@ def _write(
         notes = (*(said or (begins,)), *notes)
     finding = Finding(scan) if chosen else remade.finding
     result = judged(finding, rules.alarms, watches, remade.planned, notes)
-    tick = replace(result.tick, calibration=remade.calibration)
+    tick = replace(result.tick, calibration=remade.calibration, metrics={**result.tick.metrics, **environment})
     outcome = (
         remade.outcome if remade_heights or not remade.outcome.startswith("frames") else "frames give no height map"
     )

@@ -20,10 +20,11 @@ from .quantities import MINUS, NOT_MEASURED_TEXT, plain, unit_text, with_uncerta
 from .reconstruction import Calibration, Decoded, Frames, Lens, PatternSet, PointMap
 from .scan import LEVEL_NONE, Scan
 from .tick import Event, Tick
-from .trends import ALARM_STATES, AlarmState
+from .trends import ALARM_STATES, ENVIRONMENT, AlarmState
 
 __all__ = [
     "ALARM_STATES",
+    "ENVIRONMENT",
     "LEVEL_NONE",
     "MINUS",
     "NOT_MEASURED_TEXT",

@@ -10,13 +10,17 @@ __all__ = ["MINUS", "NOT_MEASURED_TEXT", "plain", "unit_text", "with_uncertainty
 
 NOT_MEASURED_TEXT = "not measured"
 
-_UNITS = {"mm3": "mm³", "mm2": "mm²", "um": "µm", "um2": "µm²", "um3": "µm³", "1": "", "degree": "°", "percent": "%"}
+_UNITS = {
+    "mm3": "mm³", "mm2": "mm²", "um": "µm", "um2": "µm²", "um3": "µm³",
+    "1": "", "degree": "°", "percent": "%", "degree_Celsius": "°C",
+}  # fmt: skip
 MINUS = "\N{MINUS SIGN}"
 
 
 def unit_text(unit: str) -> str:
-    """Write a UDUNITS unit for people: ``mm3`` becomes ``mm³``, ``1`` nothing."""
-    return _UNITS.get(unit, unit)
+    """Write a UDUNITS unit for people: ``mm3`` becomes ``mm³``, ``mm3/d`` ``mm³/d``, ``1`` nothing."""
+    above, per, below = unit.partition("/")
+    return f"{_UNITS.get(above, above) or '1'}/{below}" if per else _UNITS.get(unit, unit)
 
 
 def with_uncertainty(measurement: Measurement, unit: str = "1") -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..findings import Findings
-from ..maps import change_map, height_map
+from ..maps import change_map, height_map, rate_map
 from ..quantities import day_and_time, plain
 from ..raster import Range, round_limit
 from ..section import Figure, Section
@@ -59,6 +59,23 @@ def maps(findings: Findings) -> Section | None:
                     f"their level of detection (median {plain(1000 * lod, 2)} µm)",
                 )
             )
+    rates = findings.rates
+    if rates is not None:
+        text.append(
+            f"The map of rates fits a straight line through {rates.scans} well registered scans since the baseline at "
+            "each spot; spots whose rate may be chance (95 %) stay pale."
+        )
+        known = np.abs(rates.rate[np.isfinite(rates.rate)])
+        limit_per_day = round_limit(float(np.percentile(known, 95)))
+        sure = 100 * float((np.abs(rates.rate) > 1.96 * rates.sigma).sum()) / max(known.size, 1)
+        typical = float(np.nanmedian(rates.sigma))
+        words = f"Rate per day: {plain(sure, 3)}\N{NO-BREAK SPACE}% of the spots move for certain"
+        figures.append(
+            Figure(
+                rate_map(last.scan, rates.rate, rates.sigma, limit_per_day, f"{words}."),
+                f"{words} (standard uncertainty {plain(1000 * typical, 2)} µm per day in the median)",
+            )
+        )
     return Section("maps", "Height and change maps", text=tuple(text), figures=tuple(figures))
 
 

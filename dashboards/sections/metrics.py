@@ -38,11 +38,15 @@ def metrics(findings: Findings) -> Section | None:
             ("Metric", "First", "Newest", "Difference"),
             tuple(rows),
             numeric=(1, 2, 3),
+            links={metric.title: metric.anchor for metric in findings.metrics if metric.definition},
         )
     ]
-    defined = tuple((metric.title, metric.definition) for metric in findings.metrics if metric.definition)
-    if defined:
-        tables.append(Table("What they mean", ("Metric", "Definition"), defined))
+    known_words = [metric for metric in findings.metrics if metric.definition]
+    if known_words:
+        defined = tuple((metric.title, metric.definition, metric.uncertainty) for metric in known_words)
+        anchors = {metric.title: metric.anchor for metric in known_words}
+        head = ("Metric", "Definition", "Standard uncertainty")
+        tables.append(Table("What they mean", head, defined, anchors=anchors))
     text = (
         "Metrics compare a scan with the baseline, so the baseline itself has none. The uncertainty of a difference "
         "takes first and newest as independent, which is cautious.",

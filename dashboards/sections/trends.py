@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from pipelines import ENVIRONMENT, Measurement
 from pipelines.trends import Trend as FittedTrend
+from pipelines.trends import change_points, correct_for
 from pipelines.trends import trend as fit_trend
 
 from ..charts import Trend, trend_svg
 from ..findings import Findings
 from ..metric_names import Named
-from ..quantities import MINUS, unit_text, with_uncertainty
-from ..section import Figure, Section
+from ..quantities import MINUS, day_and_time, plain, unit_text, with_uncertainty
+from ..section import Figure, Section, Table
 
 __all__ = ["trends"]
 
@@ -32,7 +34,73 @@ def trends(findings: Findings) -> Section | None:
         "true value with 95 % confidence (two standard uncertainties either way); the line breaks, and a cross marks "
         "the spot, where a planned visit yielded no scan. The slope is a robust straight line through all values."
     )
-    return Section("trends", "Trends", text=(how,), figures=tuple(figures))
+    text, tables = [how], []
+    corrected = [both for metric in findings.metrics if (both := _corrected(findings, metric)) is not None]
+    if corrected:
+        text.append(
+            "Beside it stands what the metric would be at the mean temperature and humidity: their effect, "
+            f"with the lag up to {plain(findings.max_lag_hours)} h that explains most, is fitted together with the "
+            "rate."
+        )
+        head = ("Metric", "Rate", "Rate without the environment", "Effects", "Lag")
+        tables.append(
+            Table("Rates ± one standard uncertainty", head, tuple(row for row, _ in corrected), links=_links(findings))
+        )
+    changes = tuple(row for metric in findings.metrics for row in _changes(findings, metric))
+    if changes:
+        head = ("Metric", "When", "Shift", "Rate before", "Rate after")
+        tables.append(Table("Where a metric took another course", head, changes, links=_links(findings)))
+    figures += [figure for _, figure in corrected]
+    return Section("trends", "Trends", text=tuple(text), tables=tuple(tables), figures=tuple(figures))
+
+
+def _links(findings: Findings) -> dict[str, str]:
+    return {metric.title: metric.anchor for metric in findings.metrics if metric.definition}
+
+
+def _corrected(findings: Findings, metric: Named) -> tuple[tuple[str, ...], Figure] | None:
+    """Take the environment out of one metric; None where it has none, or is of it."""
+    drivers = {name: (findings.times, findings.measured(name)[0]) for name in ENVIRONMENT if name in findings.series}
+    if metric.name in ENVIRONMENT or not drivers or findings.last is None:
+        return None
+    since = slice(findings.last.baseline, None)  # rates are of one baseline
+    times, (values, sigmas) = findings.times[since], (array[since] for array in findings.measured(metric.name))
+    drivers = {name: driver for name, driver in drivers.items() if np.isfinite(driver[1]).any()}
+    found = correct_for(times, values, sigmas, drivers, findings.max_lag_hours)
+    if found is None:
+        return None
+    raw = fit_trend(times, values, sigmas)
+    per_day = f"{metric.unit}/d" if metric.unit != "1" else "1/d"
+    plainly = Measurement(raw.slope_per_day, (raw.high - raw.low) / (2 * 1.96))
+    without = Measurement(found.slope_per_day, found.slope_sigma)
+    effects = "; ".join(
+        f"{effect.name} {with_uncertainty(Measurement(effect.per_unit, effect.sigma))} "
+        f"{unit_text(metric.unit)} per {unit_text(ENVIRONMENT[effect.name])}"
+        for effect in found.effects
+    )
+    told = with_uncertainty(without, per_day)
+    row = (metric.title, with_uncertainty(plainly, per_day), told, effects, f"{plain(found.lag_hours, 2)} h")
+    trend = Trend(metric.label, times, found.values, found.sigmas)
+    words = f"{metric.title} at mean {' and '.join(drivers)}: {told}"
+    return row, Figure(trend_svg(trend, words), words)
+
+
+def _changes(findings: Findings, metric: Named) -> list[tuple[str, ...]]:
+    """Find where a metric took another course since the baseline."""
+    if findings.last is None or metric.name in ENVIRONMENT:
+        return []
+    since = slice(findings.last.baseline, None)
+    per_day = f"{metric.unit}/d"
+    return [
+        (
+            metric.title,
+            day_and_time(change.time),
+            with_uncertainty(Measurement(change.shift, change.sigma), metric.unit),
+            f"{plain(change.rate_before, 2)} {unit_text(per_day)}",
+            f"{plain(change.rate_after, 2)} {unit_text(per_day)}",
+        )
+        for change in change_points(findings.times[since], findings.measured(metric.name)[0][since])
+    ]
 
 
 def _figure(findings: Findings, metric: Named) -> Figure:
@@ -44,7 +112,11 @@ def _figure(findings: Findings, metric: Named) -> Figure:
     count = int(np.isfinite(values).sum())
     alternative = f"{metric.title} over {count} scans; the newest value is {newest}."
     slope = _slope(fit_trend(findings.times, values, sigmas), findings.times, metric.unit)
-    return Figure(trend_svg(trend, alternative), f"{metric.title}: now {newest}{slope}")
+    return Figure(
+        trend_svg(trend, alternative),
+        f"{metric.title}: now {newest}{slope}",
+        link=metric.anchor if metric.definition else "",
+    )
 
 
 def _slope(fitted: FittedTrend, times: np.ndarray, unit: str) -> str:

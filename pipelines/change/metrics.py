@@ -134,6 +134,7 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "Net volume change",
                 "Sum of dz times cell area over the region's cells measured in both scans; no threshold.",
                 _net,
+                "Errors of height that neighbours share, by FFT from stable ground; registration; cells at walls.",
             ),
             Metric(
                 "gained_volume",
@@ -141,6 +142,7 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "Volume gained",
                 "The part of the net volume where the mean of dz over 5 x 5 cells is positive; no threshold.",
                 _gained,
+                "That of the net volume, and what noise alone gives of gain where nothing changed.",
             ),
             Metric(
                 "lost_volume",
@@ -148,6 +150,7 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "Volume lost",
                 "Volume gained less net volume: where the mean of dz over 5 x 5 cells is negative, counted positive.",
                 _lost,
+                "That of the net volume, and what noise alone gives of loss where nothing changed.",
             ),
             Metric(
                 "crack_area",
@@ -155,6 +158,7 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "Crack area",
                 "Area of the crack cells in the region, an unseen floor included.",
                 _crack_area,
+                "Length of the cracks times the uncertainty of their opening; at least one cell.",
             ),
             Metric(
                 "crack_length",
@@ -162,6 +166,7 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "Crack length",
                 "Length of the cracks' centre lines in the region, spurs left out.",
                 _crack_length,
+                "Half a width at each free end, 2.5 % for stairs, spurs and gaps, and a cell.",
             ),
             Metric(
                 "crack_opening",
@@ -169,6 +174,7 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "Crack opening",
                 "Mean distance between a crack's edges across its centre line, weighted by length, clear of junctions.",
                 _crack_opening,
+                "Noise of the profiles; half a cell per seen edge, a cell per unseen one, which do not average out.",
             ),
             Metric(
                 "crack_depth",
@@ -176,6 +182,7 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "Crack depth",
                 "Mean depth along the cracks' centre lines below the nearest rim, where the floor was seen; at least.",
                 _crack_depth,
+                "Noise of the cells, and how depth differs from cell to cell: the line may lie beside the deepest.",
             ),
             Metric(
                 "crack_volume",
@@ -183,6 +190,7 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "Crack volume",
                 "Volume of the cracks below their rims, where the floor was seen; at least.",
                 _crack_volume,
+                "Noise of the cells with the errors that neighbours share, and the outline, uniform within a cell.",
             ),
             Metric(
                 "crack_seen",
@@ -190,6 +198,7 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "Crack floor seen",
                 "Share of the crack cells whose floor was measured: what crack depth and volume rest on.",
                 _crack_seen,
+                "None: a count of cells.",
             ),
             Metric(
                 "edge_lift",
@@ -197,6 +206,7 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "Edge lift",
                 "Mean dz of the plates' edges (0.05 to 0.25 mm from the crack) less their interiors'; + curls up.",
                 _edge_lift,
+                "Scatter of dz on edges and interiors, and where within a cell the crack's edge lies.",
             ),
             Metric(
                 "covered",
@@ -204,14 +214,23 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "Region measured in both scans",
                 "Share of the region's cells on which volumes rest.",
                 _covered,
+                "None: a count of cells.",
             ),
-            Metric("coverage", "1", "Cells measured", "Share of the grid's cells that the scan measured.", _coverage),
+            Metric(
+                "coverage",
+                "1",
+                "Cells measured",
+                "Share of the grid's cells that the scan measured.",
+                _coverage,
+                "None: a count of cells.",
+            ),
             Metric(
                 "registration_residual",
                 "mm",
                 "Registration residual",
                 "Robust standard deviation (1.4826 MAD) of dz on the stable areas.",
                 _registration_residual,
+                "None: it is a spread itself.",
             ),
         )
     }

@@ -90,7 +90,7 @@ class Metric:
     """A number that is followed through time.
 
     `name` is a Python identifier and the array name in the store; `unit` is UDUNITS ("mm3", "1");
-    `title` and `definition` are what people read.
+    `title`, `definition` and `uncertainty` (what its standard uncertainty is made of) are what people read.
     """
 
     name: str
@@ -98,3 +98,4 @@ class Metric:
     title: str
     definition: str
     measure: Callable[[Comparison], Measurement]
+    uncertainty: str = ""

@@ -4,7 +4,7 @@ from .alarm_rule import AlarmRule, Decision
 from .alarm_state import ALARM_STATES, AlarmState
 from .change_points import ChangePoint, change_points
 from .control import Chart, Charted, ControlChart, Model, charted, control_chart, run_length, threshold
-from .environment import Corrected, Effect, correct_for
+from .environment import ENVIRONMENT, Corrected, Effect, correct_for
 from .forecast import TimeToLimit, time_to_limit
 from .limits import Limits, judge, worst_state
 from .rates import RateMoments
@@ -13,6 +13,7 @@ from .watch import Watch, decide, remembered, silent, watched
 
 __all__ = [
     "ALARM_STATES",
+    "ENVIRONMENT",
     "AlarmRule",
     "AlarmState",
     "ChangePoint",

@@ -54,7 +54,7 @@ class AlarmRule:
     within_days: float | None = None
     chart: Chart | None = None
     model: Model = "level"
-    false_alarm_every: float = 370.0
+    false_alarm_every: float = 400.0
     confirm: tuple[int, int] = (1, 1)
     clear_by: float = 0.0
     no_data_after: int = 3

@@ -163,7 +163,7 @@ def control_chart(
     *,
     chart: Chart = "cusum",
     model: Model = "level",
-    false_alarm_every: float = 370.0,
+    false_alarm_every: float = 400.0,
 ) -> ControlChart:
     """Put a series on a control chart.
 

@@ -5,17 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
 
 from .trend import inflation
 
-__all__ = ["Corrected", "Effect", "correct_for"]
+__all__ = ["ENVIRONMENT", "Corrected", "Effect", "correct_for"]
 
 Floats = npt.NDArray[np.float64]
 Times = npt.NDArray[np.datetime64]
 
+ENVIRONMENT: Mapping[str, str] = MappingProxyType({"temperature": "degree_Celsius", "humidity": "percent"})
+"""Unit of each quantity that is kept with the scans, by the name of its series."""
 LAGS = 25
 """So many lags are tried, evenly from none to the longest."""
 FEWEST = 12

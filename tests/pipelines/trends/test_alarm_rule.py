@@ -135,7 +135,7 @@ def test_a_chart_warns_of_a_change_and_falls_silent_after_it() -> None:
     assert "warning" in [each.state for each in found[40:46]]
     assert found[-1].state == "ok", "the level came back, and is quiet since"
     raised = next(each for each in found if each.state == "warning")
-    assert raised.why == "the level has changed (CUSUM, by chance once in 370 values)"
+    assert raised.why == "the level has changed (CUSUM, by chance once in 400 values)"
 
 
 def test_a_chart_of_a_steady_rate_keeps_quiet_where_one_of_a_level_warns() -> None:
