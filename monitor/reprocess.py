@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from threading import Lock
+from typing import TYPE_CHECKING
 
 from configs import Alarm, Campaign, InputError, StoreError, parse_campaign
 from pipelines import AlarmState, Calibration, Event, Grid, Instant, Measurement, Scan
@@ -18,6 +19,9 @@ from storage import Rework, Spread, Store, Stored, open_store
 from . import __version__
 from .campaign import campaign_hash, masks_of, read_pattern_set
 from .visit import Finding, Mask, Recipe, alarm_events, compare_with, judged, make_scan, remarks
+
+if TYPE_CHECKING:
+    from pipelines.change import NoiseModel
 
 __all__ = ["Outcome", "Rules", "campaign_of", "process", "rules_of"]
 
@@ -39,6 +43,8 @@ class Rules:
     remove_background: bool = True
     settings: str = ""
     """Hash of the campaign's settings."""
+    noise: NoiseModel | None = None
+    """What levels of detection rest on: the newest noise model in the store."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +112,7 @@ def rules_of(campaign: Campaign | None, store: Store) -> Rules:
         raise StoreError(f"{store.about.location}: has no grid")
     kept = tuple(name for name in store.about.metrics if name in METRICS)
     if campaign is None:
-        return Rules(grid, metrics=kept, settings=store.about.campaign_hash)
+        return Rules(grid, metrics=kept, settings=store.about.campaign_hash, noise=store.about.noise)
     pitch = campaign.grid.pitch_mm
     if pitch is not None and abs(pitch - grid.pitch_mm) > 1e-9:
         raise InputError(
@@ -122,6 +128,7 @@ def rules_of(campaign: Campaign | None, store: Store) -> Rules:
         campaign.alarms,
         campaign.reconstruct.remove_background,
         campaign_hash(campaign, read_pattern_set(campaign)),
+        store.about.noise,
     )
 
 
@@ -163,7 +170,8 @@ def process(
     from pipelines.change import METRICS
 
     count, calibration_id = len(store), calibration.id if calibration is not None else ""
-    told = (__version__, rules.settings, calibration_id, first, last, campaign_text)
+    noise = (rules.noise.id,) if rules.noise is not None else ()
+    told = (__version__, rules.settings, calibration_id, first, last, campaign_text, *noise)
     key = hashlib.sha256(json.dumps(told).encode()).hexdigest()[:16]
     rework = store.rework(key, first, {name: METRICS[name].unit for name in rules.metrics})  # type: ignore[attr-defined]
     if rework is None:
@@ -217,7 +225,7 @@ def _remake(job: Job, store: Store, number: int) -> Remade:
             outcome = f"frames give no height map ({error})"
             used = None
     rules = job.rules
-    finding = compare_with(job.baseline, scan, rules.stable, rules.region, rules.metrics)
+    finding = compare_with(job.baseline, scan, rules.stable, rules.region, rules.metrics, rules.noise)
     return Remade(number, stored.planned, finding, notes, outcome, used)
 
 
@@ -291,6 +299,7 @@ def _finish(
     parts = ", ".join(f"{number} {outcome}" for outcome, number in rework.tally.items())
     text = f"scans {first} to {last} processed again by microrelief {__version__}, settings {rules.settings or 'none'}"
     text += f", calibration {calibration_id}" if calibration_id else ""
+    text += f", levels of detection by noise model {rules.noise.id}" if rules.noise is not None else ""
     attributes = {}
     if campaign_text and first == 0 and last == count - 1:
         attributes = {"campaign": campaign_text, "campaign_hash": rules.settings}

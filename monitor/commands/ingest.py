@@ -204,7 +204,7 @@ def _kept(store: Store, file: Path, scan: Scan, rules: Rules) -> str:
     last = store[-1] if len(store) else None
     baseline = store[last.baseline].scan if last is not None else None
     notes = (Event(scan.time, "note", f"imported from {file.name}"),)
-    finding = compare_with(baseline, scan, rules.stable, rules.region, rules.metrics)
+    finding = compare_with(baseline, scan, rules.stable, rules.region, rules.metrics, rules.noise)
     result = judged(finding, rules.alarms, last.alarms if last is not None else {}, scan.time, notes)
     number = store.append(result.tick)
     rejected = f", not compared: {result.cause}" if result.cause else ""

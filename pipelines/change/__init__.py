@@ -11,9 +11,11 @@ from .m3c2 import Distances, m3c2
 from .metrics import METRICS, measure
 from .motion import Motion, Verdict
 from .move import apply_motion
+from .noise_model import NoiseCell, NoiseModel
 from .objects import Expected, ObjectRule, StandingObject, find_objects
 from .regions import polygon_mask
 from .register import register
+from .repeatability import noise_model, repeat_pairs
 from .substrate import Substrate, bare_substrate, update_substrate
 from .tracking import Sighting, Sightings, follow_objects
 from .values import Change, Comparison, Measurement, Metric
@@ -32,6 +34,8 @@ __all__ = [
     "Measurement",
     "Metric",
     "Motion",
+    "NoiseCell",
+    "NoiseModel",
     "ObjectRule",
     "Sighting",
     "Sightings",
@@ -52,8 +56,10 @@ __all__ = [
     "follow_objects",
     "m3c2",
     "measure",
+    "noise_model",
     "polygon_mask",
     "register",
+    "repeat_pairs",
     "update_substrate",
     "volumes",
 ]

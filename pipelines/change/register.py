@@ -96,18 +96,31 @@ def find_motion(
     expected = float(np.nanmedian(sigmas)) if np.isfinite(sigmas).any() else np.inf
     # 1 um keeps a noise-free height map (imported, synthetic) from being judged by its rounding
     verdict, reason = _judge(drift, plane.residual / max(expected, 1e-3), share)
+    # without a majority the offset is known no better than the change differs from place to place
+    sigma_z = plane.residual if share < LEAST_CONSENSUS else float(np.sqrt(plane.covariance[0, 0]))
     motion = Motion(
         matrix=matrix,
         residual_mm=plane.residual,
         overlap=overlap,
         conditioning=drift.conditioning,
-        # without a majority the offset is known no better than the change differs from place to place
-        sigma_z_mm=plane.residual if share < LEAST_CONSENSUS else float(np.sqrt(plane.covariance[0, 0])),
+        sigma_z_mm=sigma_z,
         sigma_xy_mm=drift.sigma_mm,
         verdict=verdict,
         reason=reason,
+        # with no majority the plane is of what changed: nobody knows how sure it is
+        covariance=None if share < LEAST_CONSENSUS else _covariance(plane, drift),
     )
     return motion, held
+
+
+def _covariance(plane: Plane, drift: Drift) -> npt.NDArray[np.float64]:
+    """Of shifts along x, y, z and turns about x, y, z: a slope along y is a turn about x, one along x against y."""
+    covariance = np.zeros((6, 6))
+    covariance[0, 0] = covariance[1, 1] = drift.sigma_mm**2
+    levels = np.zeros((6, 3))
+    levels[2, 0], levels[3, 2], levels[4, 1] = -1.0, -1.0, 1.0
+    covariance += levels @ plane.covariance @ levels.T
+    return covariance
 
 
 def _candidate(matrix: npt.NDArray[np.float64]) -> Motion:
