@@ -9,7 +9,7 @@ from ..scan import Scan
 from .drift import Drift, lateral_drift
 from .motion import Motion, Verdict
 from .move import apply_motion
-from .stable import Plane, fit_plane, largest_consensus
+from .stable import Plane, fit_plane, largest_consensus, mean_plane
 
 __all__ = ["find_motion", "register"]
 
@@ -133,7 +133,7 @@ def _failed(overlap: float, reason: str) -> Motion:
 
 
 def _plane_of(dz: npt.NDArray[np.float32], held: npt.NDArray[np.bool_], baseline: Scan) -> Plane | None:
-    """Plane through dz on the held cells, from at most MOST_CELLS of them."""
+    """Plane through dz on the held cells, robustly from at most MOST_CELLS of them, then from all."""
     rows, columns = np.nonzero(held)
     if rows.size < 50:
         return None
@@ -141,7 +141,8 @@ def _plane_of(dz: npt.NDArray[np.float32], held: npt.NDArray[np.bool_], baseline
     rows, columns = rows[::every], columns[::every]
     grid = baseline.grid
     values = dz[rows, columns].astype(np.float64)
-    return fit_plane(grid.x_mm[columns], grid.y_mm[rows], values, per_patch=max(1.0, SHARED_ERROR_CELLS / every))
+    plane = fit_plane(grid.x_mm[columns], grid.y_mm[rows], values, per_patch=max(1.0, SHARED_ERROR_CELLS / every))
+    return None if plane is None else mean_plane(plane, grid.x_mm, grid.y_mm, dz, held)
 
 
 def _levelling(plane: Plane, baseline: Scan) -> npt.NDArray[np.float64]:
