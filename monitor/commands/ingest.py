@@ -148,6 +148,8 @@ def _wishes(
 
 def _read(file: Path, number: int, wishes: Wishes, grid: Grid | None, usual_zone: str | None) -> Scan:
     raster = read_raster(file, grid=grid, pitch_mm=wishes.pitch_mm, unit=wishes.unit)
+    if raster.note:
+        print(raster.note)
     if wishes.times:
         when = wishes.times[number]
     elif raster.time is not None:

@@ -16,6 +16,7 @@ from .objects import Expected, ObjectRule, StandingObject, find_objects
 from .regions import polygon_mask
 from .register import register
 from .repeatability import noise_model, repeat_pairs
+from .stable import largest_consensus
 from .substrate import Substrate, bare_substrate, update_substrate
 from .tracking import Sighting, Sightings, follow_objects
 from .values import Change, Comparison, Measurement, Metric
@@ -54,6 +55,7 @@ __all__ = [
     "find_deposits",
     "find_objects",
     "follow_objects",
+    "largest_consensus",
     "m3c2",
     "measure",
     "noise_model",

@@ -170,7 +170,8 @@ def _net_sigma(
         shown = float(covariance[0]) if covariance.size else 0.0
         unseen = max(0.0, float(said[use].mean()) - shown) * SHARED_CELLS * float(use.sum())
     scale = sd if noise is not None else 1.0
-    if motion.covariance is None or not ground.any():
+    # ground within the region was found, not given: it may hold a little of the change, which no residual tells
+    if motion.covariance is None or not ground.any() or (use & ground).any():
         random = float(covariance_of_sums([weights * scale], covariance)[0, 0]) + unseen
         return _apart(float(np.sqrt(max(0.0, random))) * cell, shared * float(use.sum()) * cell)
     levelling = _levelling_weights(use, ground)
