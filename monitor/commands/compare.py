@@ -114,9 +114,8 @@ def compare(
     for name, each in (("gained", volumes.gained), ("lost", volumes.lost), ("net", volumes.net)):
         print(f"volume {name:<7}{with_uncertainty(each, 'mm3')}")
     if volumes.systematic_mm3 > 0:
-        print(
-            f"of the net volume's uncertainty {volumes.systematic_mm3:.2g} mm3 is one error for all cells: registration's"
-        )
+        part = f"{volumes.systematic_mm3:.2g} mm3"
+        print(f"of the net volume's uncertainty {part} is registration's, one error for all cells")
     if noise is not None:
         print(f"levels of detection and volumes rest on the store's noise model {noise.id}")
     share = f"{100 * volumes.covered:.1f} %"

@@ -16,6 +16,7 @@ from .objects import Expected, ObjectRule, StandingObject, find_objects
 from .regions import polygon_mask
 from .register import register
 from .repeatability import noise_model, repeat_pairs
+from .roughness import ROUGHNESS, Filters, filtered, roughness
 from .stable import largest_consensus
 from .substrate import Substrate, bare_substrate, update_substrate
 from .tracking import Sighting, Sightings, follow_objects
@@ -24,6 +25,7 @@ from .volume import Volumes, volumes
 
 __all__ = [
     "METRICS",
+    "ROUGHNESS",
     "Change",
     "Comparison",
     "CrackDepths",
@@ -32,6 +34,7 @@ __all__ = [
     "Deposit",
     "Distances",
     "Expected",
+    "Filters",
     "Measurement",
     "Metric",
     "Motion",
@@ -52,6 +55,7 @@ __all__ = [
     "crack_openings",
     "difference",
     "edge_lift",
+    "filtered",
     "find_deposits",
     "find_objects",
     "follow_objects",
@@ -62,6 +66,7 @@ __all__ = [
     "polygon_mask",
     "register",
     "repeat_pairs",
+    "roughness",
     "update_substrate",
     "volumes",
 ]

@@ -194,3 +194,19 @@ def test_stable_areas_show_what_settled(maps: Path, capsys: pytest.CaptureFixtur
     assert "outside of the stable areas" in said
     with np.load("c.npz") as found:
         assert np.nanmedian(found["distance"][40:120]) == pytest.approx(-0.02, abs=0.001)
+
+
+def test_roughness_of_a_file_and_of_a_stored_scan(site: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_tokens(["roughness", "before.npz", "--s-filter", "0", "--form", "0", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["filters"] == {"s_mm": None, "l_mm": None, "form": 0}
+    with np.load("before.npz") as kept:
+        assert told["parameters"]["Sq"]["value"] == pytest.approx(kept["height"].std(), rel=1e-6)
+    assert run_tokens(["roughness", "site.icechunk@0", "--l-filter", "0.8"]) == 0
+    said = capsys.readouterr().out
+    assert "S 0.06 mm, F plane, L 0.8 mm" in said
+    assert re.search(r"Sq +\S+ ± \S+ mm", said)
+    assert run_tokens(["roughness", "before.npz", "--l-filter", "0.01"]) != 0
+    assert "finer than the L-filter" in capsys.readouterr().err
+    assert run_tokens(["roughness", "--help"]) == 0
+    assert "microrelief roughness " in capsys.readouterr().out
