@@ -7,6 +7,7 @@ import json
 import os
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
 from threading import Event as Flag
@@ -145,7 +146,7 @@ def run_campaign(
             ledger = Ledger(ledger_beside(campaign.store.path, campaign.store.beside))
             stack.callback(ledger.close)
         ledger.reconcile(store)
-        recipe = make_recipe(campaign, patterns, calibration, _grid_of(store))
+        recipe = replace(make_recipe(campaign, patterns, calibration, _grid_of(store)), noise=store.about.noise)
         if not (handed or now) and _hurried(campaign):
             tell("warming up")
             _warm_up(rig, campaign, recipe, clock.now(), work, tell)
@@ -336,7 +337,12 @@ def _warm_up(
 def _provenance(campaign: Campaign, patterns: PatternSet, store: Store) -> str:
     """Say which settings the scans to come are made with, and whether they are those of the store's beginning."""
     settings, first = campaign_hash(campaign, patterns), store.about.campaign_hash
-    return f"settings {settings}" + (f", changed since the store was made with {first}" if settings != first else "")
+    noise = store.about.noise
+    return (
+        f"settings {settings}"
+        + (f", changed since the store was made with {first}" if settings != first else "")
+        + (f", levels of detection by noise model {noise.id}" if noise is not None else "")
+    )
 
 
 def _units(campaign: Campaign) -> dict[str, str]:

@@ -31,6 +31,8 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "mosaic": ("mosaic:mosaic", "Stitch the tiles of a scanning stage into one height map."),
     "merge": ("merge:merge", "Merge views of one object from several sides."),
     "compare": ("compare:compare", "Say what changed between two height maps, and how surely."),
+    "repeatability": ("repeatability:repeatability", "Calibrate the level of detection on scans that did not change."),
+    "roughness": ("roughness:roughness", "Measure a surface's roughness after ISO 25178-2."),
     "run": ("run:run", "Monitor on a schedule; survives restarts."),
     "scan": ("run:scan", "Take one scan now."),
     "video": ("video:video", "Record continuous 3D video."),

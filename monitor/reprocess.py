@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from threading import Lock
+from typing import TYPE_CHECKING
 
 from configs import Alarm, Campaign, InputError, StoreError, parse_campaign
 from pipelines import ENVIRONMENT, Calibration, Event, Grid, Instant, Measurement, Scan
@@ -19,6 +20,9 @@ from . import __version__
 from .alarms import Watches, after_gap, after_scan, gaps_in, remembered_at, seen_in, states_of, told
 from .campaign import campaign_hash, masks_of, read_pattern_set
 from .visit import Finding, Mask, Recipe, compare_with, judged, make_scan, remarks
+
+if TYPE_CHECKING:
+    from pipelines.change import NoiseModel
 
 __all__ = ["Outcome", "Rules", "campaign_of", "process", "rules_of"]
 
@@ -40,6 +44,8 @@ class Rules:
     remove_background: bool = True
     settings: str = ""
     """Hash of the campaign's settings."""
+    noise: NoiseModel | None = None
+    """What levels of detection rest on: the newest noise model in the store."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +117,7 @@ def rules_of(given: Campaign | None, store: Store) -> Rules:
     kept = tuple(name for name in store.about.metrics if name in METRICS)
     campaign = given if given is not None else campaign_of(store)
     if campaign is None:
-        return Rules(grid, metrics=kept, settings=store.about.campaign_hash)
+        return Rules(grid, metrics=kept, settings=store.about.campaign_hash, noise=store.about.noise)
     pitch = campaign.grid.pitch_mm
     if pitch is not None and abs(pitch - grid.pitch_mm) > 1e-9:
         raise InputError(
@@ -127,6 +133,7 @@ def rules_of(given: Campaign | None, store: Store) -> Rules:
         campaign.alarms,
         campaign.reconstruct.remove_background,
         store.about.campaign_hash if given is None else campaign_hash(given, read_pattern_set(given)),
+        store.about.noise,
     )
 
 
@@ -179,6 +186,7 @@ def process(
         last,
         campaign_text,
         *(["baseline"] if baseline else ()),
+        *((rules.noise.id,) if rules.noise is not None else ()),
     )
     key = hashlib.sha256(json.dumps(work).encode()).hexdigest()[:16]
     rework = store.rework(key, first, {name: METRICS[name].unit for name in rules.metrics})  # type: ignore[attr-defined]
@@ -241,7 +249,7 @@ def _remake(job: Job, store: Store, number: int) -> Remade:
             outcome = f"frames give no height map ({error})"
             used = None
     rules = job.rules
-    finding = compare_with(job.baseline, scan, rules.stable, rules.region, rules.metrics)
+    finding = compare_with(job.baseline, scan, rules.stable, rules.region, rules.metrics, rules.noise)
     return Remade(number, stored.planned, finding, notes, outcome, used)
 
 
@@ -335,6 +343,7 @@ def _finish(
         or f"scans {first} to {last} processed again by microrelief {__version__}, settings {rules.settings or 'none'}"
     )
     text += f", calibration {calibration_id}" if calibration_id else ""
+    text += f", levels of detection by noise model {rules.noise.id}" if rules.noise is not None else ""
     attributes = {}
     if campaign_text and first == 0 and last == count - 1:
         attributes = {"campaign": campaign_text, "campaign_hash": rules.settings}

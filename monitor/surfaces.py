@@ -84,7 +84,7 @@ def _read(path: Path, rig: Calibration | None, patterns: PatternSet | None, pitc
             raise InputError(f"{path}: holds points, it needs the calibration.json of its rig: --calibration FILE")
         time = instant(datetime.fromtimestamp(path.stat().st_mtime, UTC))
         return rec.to_scan(read_points(path), rig, rec.footprint_grid(rig, pitch_mm), time)
-    return read_height_map(path)
+    return read_height_map(path, print)
 
 
 def measure_points(path: Path, frames: Frames, rig: Calibration, on: rec.Device | None = None) -> PointMap:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +25,9 @@ from pipelines import (
 )
 
 from .alarms import Seen, Watches, after_scan, states_of, told
+
+if TYPE_CHECKING:
+    from pipelines.change import NoiseModel
 
 __all__ = [
     "Epoch",
@@ -66,6 +69,8 @@ class Recipe:
     keep_frames : bool
     frames_for : timedelta64 or None
         How long frames are kept; None for ever.
+    noise : NoiseModel or None
+        What levels of detection rest on.
     """
 
     patterns: PatternSet
@@ -78,6 +83,7 @@ class Recipe:
     remove_background: bool = True
     keep_frames: bool = False
     frames_for: np.timedelta64 | None = None
+    noise: NoiseModel | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,7 +149,7 @@ def visit(frames: Frames, recipe: Recipe, epoch: Epoch | None, planned: Instant)
     notes = remarks(frames)
     scan = make_scan(frames, recipe)
     baseline = epoch.baseline if epoch is not None else None
-    finding = compare_with(baseline, scan, recipe.stable, recipe.region, recipe.metrics)
+    finding = compare_with(baseline, scan, recipe.stable, recipe.region, recipe.metrics, recipe.noise)
     before = epoch.watches if epoch is not None else {}
     result = judged(finding, recipe.alarms, before, planned, notes)
     kept = frames if recipe.keep_frames else None
@@ -160,13 +166,20 @@ class Finding:
     metrics: Mapping[str, Measurement] = field(default_factory=dict)
 
 
-def compare_with(baseline: Scan | None, scan: Scan, stable: Mask, region: Mask, metrics: tuple[str, ...]) -> Finding:
+def compare_with(
+    baseline: Scan | None,
+    scan: Scan,
+    stable: Mask,
+    region: Mask,
+    metrics: tuple[str, ...],
+    noise: NoiseModel | None = None,
+) -> Finding:
     """Compare a scan with its epoch's baseline; one of another calibration, or without a baseline, starts an epoch."""
     if baseline is None or scan.calibration_id != baseline.calibration_id:
         return Finding(scan)
     from pipelines.change import compare, measure
 
-    comparison: Comparison = compare(scan, baseline, stable=stable, region=region)
+    comparison: Comparison = compare(scan, baseline, stable=stable, region=region, noise=noise)
     failed = comparison.change.motion.verdict == "failed"
     return Finding(scan, comparison.change, {} if failed else measure(comparison, metrics))
 

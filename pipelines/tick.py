@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from .change import Change, Measurement
+from .change import Change, Measurement, NoiseModel
 from .instant import Instant, check_instant
 from .reconstruction import Calibration, Frames
 from .scan import Scan
@@ -52,6 +52,8 @@ class Tick:
         Raw frames to keep, where the campaign retains them.
     frames_since : Instant or None
         Raw frames that were taken before are let go with this tick.
+    noise : NoiseModel or None
+        What levels of detection rest on from now on; the store keeps the newest.
     """
 
     planned: Instant
@@ -63,6 +65,7 @@ class Tick:
     calibration: Calibration | None = None
     frames: Frames | None = None
     frames_since: Instant | None = None
+    noise: NoiseModel | None = None
 
     def __post_init__(self) -> None:
         check_instant(self.planned, "planned time")

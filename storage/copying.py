@@ -20,6 +20,7 @@ from .icechunk_store import IcechunkStore
 from .layout import (
     CELLS_OF_CHANGE,
     CELLS_OF_SCAN,
+    NOISE,
     grid_of,
     lay_out,
     metrics_of,
@@ -135,6 +136,8 @@ def _copy_newest(reader: IcechunkStore, target: Path, progress: Progress) -> Non
     import zarr
 
     attributes = root_attributes(about.site, grid, about.campaign, about.campaign_hash, about.software, created)
+    if about.noise is not None:
+        attributes[NOISE] = about.noise.to_json()
     new = zarr.create_group(session.store, attributes=attributes)
     lay_out(new, grid, str(old["scans/height"].dtype), metrics_of(old["metrics"]))
     for kind, group in old["raw"].groups() if "raw" in old else ():

@@ -16,11 +16,13 @@ from .binned import rows_of_bins
 from .layout import (
     CELLS_OF_CHANGE,
     CELLS_OF_SCAN,
+    NOISE,
     SCHEMA,
     add_metric,
     grid_of,
     lay_out,
     metrics_of,
+    noise_of,
     root_attributes,
     split_sizes,
 )
@@ -32,6 +34,7 @@ from .records import (
     read_change,
     read_events,
     read_scan,
+    rows_of_calibration,
     rows_of_change,
     rows_of_events,
     rows_of_metrics,
@@ -39,7 +42,7 @@ from .records import (
     tail_of,
 )
 from .repository import check_whole, create_repository, newest_whole, open_repository, reason, root_of
-from .rows import Known, read_row, row, write_rows
+from .rows import Known, read_row, write_rows
 from .series import frame_of
 from .store import About, Stored
 from .wholeness import read_newest
@@ -196,7 +199,7 @@ class IcechunkStore:
     @property
     def about(self) -> About:
         """What this store is and what made it."""
-        return replace(self._about, snapshot=self._snapshot)
+        return replace(self._about, snapshot=self._snapshot, noise=noise_of(self._root.attrs))
 
     @property
     def events(self) -> tuple[Event, ...]:
@@ -318,10 +321,9 @@ class IcechunkStore:
             rows += rows_of_metrics(where.number, tick, self._about.metrics)
             rows += rows_of_bins(root["binned"], where.number, tick)
         if tick.calibration is not None:
-            ids = [str(name) for name in root["calibrations/id"][:]]
-            if tick.calibration.id not in ids:
-                rows.append(row("calibrations/id", len(ids), tick.calibration.id))
-                rows.append(row("calibrations/json", len(ids), tick.calibration.to_json()))
+            rows += rows_of_calibration(root, tick.calibration)
+        if tick.noise is not None:
+            root.attrs[NOISE] = tick.noise.to_json()
         if tick.frames is not None:
             rows += rows_of_frames(root, where.number, tick.frames)
         if tick.frames_since is not None:

@@ -19,6 +19,12 @@ __all__ = ["geotiff", "gsf", "netcdf", "npz"]
 
 HEIGHT_NAMES = ("height", "dz", "z", "dem", "elevation")
 GSF_MAGIC = b"Gwyddion Simple Field 1.0\n"
+MODEL_TYPE, RASTER_TYPE, ANGULAR_UNIT, LINEAR_UNIT = 1024, 1025, 2054, 3076
+"""Keys of the GeoTIFF standard (OGC 19-008), and below values of theirs."""
+GEOGRAPHIC, DEGREE, METRE = 2, 9102, 9001
+LINEAR_UNITS = {0: 1000.0, 32767: 1000.0, METRE: 1000.0, 9002: 304.8, 9003: 1200.0 / 3937.0 * 1000.0}
+"""mm of a unit: what says none or its own counts as metres, as nearly all such files do; foot and US survey foot."""
+WGS84_A_MM, WGS84_E2 = 6378137.0e3, 6.69437999014e-3
 
 
 def npz(path: Path) -> Raster:
@@ -91,13 +97,43 @@ def geotiff(path: Path) -> Raster:
     values[values == float(nodata)] = np.nan
     facts = str(tags.get(42112, ""))
     scale = MM.get(_fact(facts, "UNITTYPE").lower() or "m", 1000.0)
-    wide, high, _ = (1000.0 * value for value in tags[33550])
+    keys = tags.get(34735, ())
     column, row, _, left, top, _ = tags[33922]
-    area = 0.0 if _raster_type(tags.get(34735, ())) == 2 else 0.5  # the tie point: a cell's centre, or its corner
-    corner = left * 1000.0 + (area - column) * wide, top * 1000.0 - (values.shape[0] - 1 + area - row) * high
+    wide, high, _ = tags[33550]
+    area = 0.0 if _geo_key(keys, RASTER_TYPE, 1) == 2 else 0.5  # the tie point: a cell's centre, or its corner
+    x, y = left + (area - column) * wide, top - (values.shape[0] - 1 + area - row) * high
+    east, north, note = _mm_of(path, keys, y + high * (values.shape[0] - 1) / 2)
+    wide, high, corner = wide * east, high * north, (x * east, y * north)
     when = _fact(facts, "TIME")
     time = parse_instant(when) if when else None
-    return Raster(values[::-1] * scale, (wide, high), corner, time, calibration_id=_fact(facts, "CALIBRATION"))
+    calibration_id = _fact(facts, "CALIBRATION")
+    return Raster(values[::-1] * scale, (wide, high), corner, time, calibration_id=calibration_id, note=note)
+
+
+def _mm_of(path: Path, keys: Any, latitude: float) -> tuple[float, float, str]:
+    """Millimetres per unit eastwards and northwards of a GeoTIFF's coordinates, and what to tell of it.
+
+    Degrees are taken on the WGS 84 ellipsoid at the map's middle latitude: good to 1e-4 over a degree of it.
+    """
+    if _geo_key(keys, MODEL_TYPE, 1) != GEOGRAPHIC:
+        unit = _geo_key(keys, LINEAR_UNIT, METRE)
+        if unit not in LINEAR_UNITS:
+            raise InputError(f"{path}: its length unit, EPSG:{unit}, is not known: project it to metres first")
+        return LINEAR_UNITS[unit], LINEAR_UNITS[unit], ""
+    if _geo_key(keys, ANGULAR_UNIT, DEGREE) != DEGREE or not abs(latitude) < 89:
+        raise InputError(f"{path}: is not in degrees below the poles: project it to metres first (gdalwarp -t_srs)")
+    phi = np.deg2rad(latitude)
+    bend = 1 - WGS84_E2 * np.sin(phi) ** 2
+    north = float(np.deg2rad(WGS84_A_MM * (1 - WGS84_E2) / bend**1.5))
+    east = float(np.deg2rad(WGS84_A_MM * np.cos(phi) / np.sqrt(bend)))
+    return (
+        east,
+        north,
+        (
+            f"{path.name}: lies in degrees; taken as metres on the ellipsoid at latitude {latitude:.4f}, "
+            f"{east / 1e6:.4f} km per degree eastwards and {north / 1e6:.4f} km northwards"
+        ),
+    )
 
 
 def gsf(path: Path) -> Raster:
@@ -156,8 +192,8 @@ def _fact(text: str, name: str) -> str:
     return found.group(1) if found else ""
 
 
-def _raster_type(keys: Any) -> int:
+def _geo_key(keys: Any, key: int, default: int) -> int:
     for at in range(4, len(keys) - 3, 4):
-        if keys[at] == 1025:
+        if keys[at] == key:
             return int(keys[at + 3])
-    return 1
+    return default

@@ -17,8 +17,14 @@ from .raster import Raster, mm_per, scan_of
 __all__ = ["CLOUD_READERS", "HEIGHT_MAP_READERS", "read_height_map", "read_raster", "scan_of"]
 
 
-def read_height_map(file: str | Path) -> Scan:
+def read_height_map(file: str | Path, tell: Callable[[str], None] = lambda line: None) -> Scan:
     """Read a height map; the suffix says from what: see `HEIGHT_MAP_READERS` and `CLOUD_READERS`.
+
+    Parameters
+    ----------
+    file : str or Path
+    tell : callable
+        Told what people must know of how the file was read: that degrees became mm, say.
 
     Returns
     -------
@@ -33,6 +39,8 @@ def read_height_map(file: str | Path) -> Scan:
     """
     path = Path(file)
     raster = read_raster(path)
+    if raster.note:
+        tell(raster.note)
     return scan_of(raster, path, raster.time or instant(datetime.fromtimestamp(path.stat().st_mtime, UTC)))
 
 

@@ -1,6 +1,6 @@
 """What is in a store: its groups and arrays, their chunks, units and attributes. Schema 2.
 
-    /             attrs: microrelief_schema, site, campaign, campaign_hash, software, created, grid
+    /             attrs: microrelief_schema, site, campaign, campaign_hash, software, created, grid; noise_model (JSON)
     /scans        height sigma texture level (time, y, x); scan epoch baseline planned calibration alarms (time)
     /change       dz lod (time, y, x); baseline_time motion verdict reason (time)
     /binned       height dz: means of 8x8 cells; see `binned.rows_of_bins`
@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 
 from pipelines import Grid
+from pipelines.change import NoiseModel
 
 from .packing import BIN, STEP_MM, fill_of
 
@@ -34,6 +35,7 @@ __all__ = [
     "CELLS_OF_SCAN",
     "FOLD",
     "MOTION_TERMS",
+    "NOISE",
     "NO_TIME",
     "SCHEMA",
     "TABLE_CHUNK",
@@ -43,6 +45,7 @@ __all__ = [
     "grid_of",
     "lay_out",
     "metrics_of",
+    "noise_of",
     "root_attributes",
     "split_sizes",
     "table_of",
@@ -51,6 +54,7 @@ __all__ = [
 SCHEMA = 2
 TABLE_CHUNK = 128
 CELL_CHUNK = 512
+NOISE = "noise_model"
 FOLD = 64
 """Scans per chunk of ``/binned``."""
 
@@ -181,6 +185,11 @@ def metrics_of(table: Any) -> dict[str, str]:
     """Give the unit of each metric of a ``/metrics`` group; schema 1 kept a mapping, not its JSON."""
     kept = table.attrs["metrics"]
     return dict(json.loads(kept) if isinstance(kept, str) else kept)
+
+
+def noise_of(attributes: Any) -> NoiseModel | None:
+    """Give the newest noise model; None where none was kept."""
+    return NoiseModel.from_json(attributes[NOISE]) if NOISE in attributes else None
 
 
 def _lay_out_binned(root: Any, grid: Grid, height_type: str, about: Mapping[str, str]) -> None:

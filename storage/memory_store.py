@@ -10,6 +10,7 @@ import numpy as np
 
 from configs import StoreError
 from pipelines import Calibration, Event, Frames, Grid, Instant, Measurement, Tick, format_instant
+from pipelines.change import NoiseModel
 
 from .layout import SCHEMA
 from .order import Place, Tail, place_all
@@ -51,6 +52,7 @@ class MemoryStore:
         self._events: list[Event] = []
         self._calibrations: dict[str, Calibration] = {}
         self._frames: dict[int, Frames] = {}
+        self._noise: NoiseModel | None = None
         self._commits = 0
         self._open = True
 
@@ -89,6 +91,7 @@ class MemoryStore:
         self._events.extend(where.events)
         if tick.calibration is not None:
             self._calibrations.setdefault(tick.calibration.id, tick.calibration)
+        self._noise = tick.noise or self._noise
 
     def __len__(self) -> int:
         return len(self._scans)
@@ -155,7 +158,8 @@ class MemoryStore:
         """What this store is and what made it."""
         location, site, grid, campaign, campaign_hash, software = self._facts
         snapshot = f"{self._commits} since {format_instant(self._created)}"
-        return About(location, site, grid, campaign, campaign_hash, software, SCHEMA, snapshot, dict(self._metrics))
+        facts = (location, site, grid, campaign, campaign_hash, software, SCHEMA, snapshot)
+        return About(*facts, dict(self._metrics), self._noise)
 
     @property
     def events(self) -> tuple[Event, ...]:

@@ -40,6 +40,8 @@ class Raster:
     calibration_id : str
     layers : mapping of str to ndarray, shape (rows, columns)
         ``sigma`` in mm, ``texture`` and ``level`` where the file has them.
+    note : str
+        What people must be told of how the file was read; empty where there is nothing.
     """
 
     height: npt.NDArray[np.float64]
@@ -49,6 +51,7 @@ class Raster:
     local: datetime | None = None
     calibration_id: str = ""
     layers: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
+    note: str = ""
 
     @property
     def grid(self) -> Grid:

@@ -8,7 +8,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from pipelines import Change, Event, Grid, Measurement, Motion, Scan, Tick
+from pipelines import Calibration, Change, Event, Grid, Measurement, Motion, Scan, Tick
 from pipelines.change import Verdict
 
 from .layout import CELLS_OF_CHANGE, CELLS_OF_SCAN, NO_TIME
@@ -97,6 +97,15 @@ def rows_of_change(number: int, tick: Tick, height_type: str) -> list[Rows]:
             "reason": motion.reason,
         }
     return [row(f"change/{name}", number, value) for name, value in values.items()]
+
+
+def rows_of_calibration(root: Any, calibration: Calibration) -> list[Rows]:
+    """Give a calibration's rows; none where it is kept already."""
+    ids = [str(name) for name in root["calibrations/id"][:]]
+    if calibration.id in ids:
+        return []
+    values = {"id": calibration.id, "json": calibration.to_json()}
+    return [row(f"calibrations/{name}", len(ids), value) for name, value in values.items()]
 
 
 def read_change(store: Any, number: int, grid: Grid, known: Known | None = None) -> Change | None:

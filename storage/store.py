@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 from pipelines import Calibration, Change, Event, Frames, Grid, Instant, Scan, Tick
+from pipelines.change import NoiseModel
 from pipelines.trends import AlarmState
 
 if TYPE_CHECKING:
@@ -34,6 +35,8 @@ class About:
     snapshot: str
     metrics: dict[str, str] = field(default_factory=dict)
     """Unit of each metric by name."""
+    noise: NoiseModel | None = None
+    """The newest noise model of repeat scans, if any was kept."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,7 +15,7 @@ from pipelines import Motion, Scan, with_uncertainty
 from pipelines import change as ch
 from storage import whole_file
 
-from ..surfaces import read_surfaces
+from ..compared import read_compared, read_stable
 
 __all__ = ["compare"]
 
@@ -25,8 +25,8 @@ LEAST_NORMAL_CELLS, LEAST_RADIUS_CELLS = 1.5, 1.0
 
 
 def compare(
-    before: Path,
-    after: Path,
+    before: str,
+    after: str,
     *,
     out: Annotated[Path, Parameter(name=["--out", "-o"])],
     method: Literal["m3c2", "dod"] = "m3c2",
@@ -36,6 +36,7 @@ def compare(
     registration_error: float | None = None,
     statistic: Literal["mean", "median"] = "mean",
     register: Annotated[bool, Parameter(negative="")] = False,
+    stable: Path | None = None,
 ) -> None:
     """Say what changed between two height maps, and how surely.
 
@@ -43,14 +44,16 @@ def compare(
     subtracts heights cell by cell. Every measured cell is a point (x = column * pitch, y = row * pitch). Lengths in mm.
 
     The .npz holds `distance`, `lod` (level of detection, 95 %), `n1`, `n2`, `spread1`, `spread2` in BEFORE's shape;
-    distance is positive where AFTER lies along the normal that points up. Volumes are printed.
+    distance is positive where AFTER lies along the normal that points up; `motion` (4x4) is what took AFTER onto
+    BEFORE. Volumes are printed. Scans of one store take its noise model (`repeatability`) for dod's lod and volumes.
 
     Parameters
     ----------
     before
-        Height map: .npz (`height`, `pitch_mm`), .nc or .tif.
+        Height map: .npz (`height`, `pitch_mm`), .nc or .tif; or a scan of a store: STORE@12, STORE@-1 (the newest),
+        STORE@TIME (the nearest).
     after
-        The later one.
+        The later one, likewise.
     out
         Where the result goes, an .npz.
     method
@@ -67,29 +70,36 @@ def compare(
         mean, or median (with interquartile ranges) for surfaces with gross errors.
     register
         Align AFTER to BEFORE first; never done unasked.
+    stable
+        File of what holds still, for registering and for the volumes' uncertainty: a campaign, or a .json list of
+        polygons [[[x, y], ...], ...] in mm. Without it those of BEFORE's campaign; without these --register finds them.
 
     Example
     -------
     microrelief compare monday.tif friday.tif --register --out change.npz
+    microrelief compare site.icechunk@12 site.icechunk@34 --register --method dod --out change.npz
     """
     _check(out, registration_error)
-    one = read_surfaces([before], [None], None, None)[0].scan
-    two = _same_pitch(read_surfaces([after], [None], None, None)[0].scan, one)
+    first, second = read_compared(before), read_compared(after)
+    one, two = first.scan, _same_pitch(second.scan, first.scan)
+    ground = first.stable if stable is None else read_stable(stable, one.grid)
+    noise = first.noise if second.noise is not None else None
     known = 0.0 if registration_error is None else registration_error
     motion = replace(Motion.none(), sigma_z_mm=known)
-    stable = np.zeros(one.grid.shape, dtype=np.bool_)
     on_grid = ch.apply_motion(two, Motion.none(), one.grid)
     if register:
-        found = ch.compare(on_grid, one)
+        found = ch.compare(on_grid, one, ground)
         if found.change.motion.verdict == "failed":
             raise MicroreliefError(f"{after}: cannot be registered to {before}: {found.change.motion.reason}")
         motion = found.change.motion
         if registration_error is not None:
             motion = replace(motion, sigma_z_mm=registration_error)
-        stable, two = found.stable, found.scan
+        held, two = found.stable, found.scan
         on_grid = two
         print(_about_motion(motion))
-    change = ch.difference(on_grid, one, motion)
+    else:
+        held = _still(on_grid, one) if ground is None else ground
+    change = ch.difference(on_grid, one, motion, noise)
     if not np.isfinite(change.dz).any():
         raise InputError(f"{after}: has no measured cell in common with {before}")
     if method == "dod":
@@ -99,17 +109,30 @@ def compare(
         result = _m3c2(one, two, lengths, motion.sigma_z_mm, statistic)
     for line in _about(result, method):
         print(line)
-    region = np.ones(one.grid.shape, dtype=np.bool_)
-    volumes = ch.volumes(change, region, stable)
+    region = np.ones(one.grid.shape, dtype=np.bool_) if ground is None else ~ground
+    volumes = ch.volumes(change, region, held, noise)
     for name, each in (("gained", volumes.gained), ("lost", volumes.lost), ("net", volumes.net)):
         print(f"volume {name:<7}{with_uncertainty(each, 'mm3')}")
+    if volumes.systematic_mm3 > 0:
+        part = f"{volumes.systematic_mm3:.2g} mm3"
+        print(f"of the net volume's uncertainty {part} is registration's, one error for all cells")
+    if noise is not None:
+        print(f"levels of detection and volumes rest on the store's noise model {noise.id}")
     share = f"{100 * volumes.covered:.1f} %"
-    print(f"volumes are sums of AFTER less BEFORE over the {share} of BEFORE's cells that both measured")
+    cells = "BEFORE's cells" if ground is None else "BEFORE's cells outside of the stable areas"
+    print(f"volumes are sums of AFTER less BEFORE over the {share} of {cells} that both measured")
     with whole_file(out) as file, file.open("wb") as stream:
         grid = one.grid
         place: dict[str, Any] = {"pitch_mm": grid.pitch_mm, "x0_mm": grid.x0_mm, "y0_mm": grid.y0_mm}
-        np.savez_compressed(stream, **place, **result)
+        np.savez_compressed(stream, **place, motion=motion.matrix, **result)
     print(f"wrote {out}")
+
+
+def _still(after: Scan, before: Scan) -> npt.NDArray[np.bool_]:
+    """Cells that most likely did not change, for the errors' covariance; none where fewer than half agree."""
+    dz = after.height - before.height
+    agreed, share = ch.largest_consensus(dz, np.sqrt(after.sigma**2 + before.sigma**2))
+    return agreed if share >= 0.5 else np.zeros(dz.shape, dtype=np.bool_)
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,7 +234,7 @@ def _about_motion(motion: Motion) -> str:
     tilt = np.rad2deg(np.hypot(motion.matrix[2, 0], motion.matrix[2, 1]))
     doubt = f"; doubtful: {motion.reason}" if motion.verdict == "doubtful" else ""
     return (
-        f"registered: AFTER moved by {x:+.4g}, {y:+.4g}, {z:+.4g} mm and tilted by {tilt:.3g} deg, residual "
+        f"registered: AFTER moved by {x:+.6g}, {y:+.6g}, {z:+.6g} mm and tilted by {tilt:.3g} deg, residual "
         f"{motion.residual_mm:.3g} mm, +-{motion.sigma_xy_mm:.2g} mm sideways, +-{motion.sigma_z_mm:.2g} mm up{doubt}"
     )
 

@@ -13,7 +13,7 @@ from configs import InputError
 from pipelines import format_instant, parse_instant
 from storage import Store, open_store, write_change, write_height_map, write_series
 
-__all__ = ["export"]
+__all__ = ["export", "nearest_scan"]
 
 
 def export(
@@ -60,7 +60,7 @@ def export(
             print(f"wrote {out}: {len(table)} scans, {', '.join(opened.about.metrics) or 'no metric'}")
             return
         assert scan is not None
-        stored = opened[_number(opened, scan)]
+        stored = opened[nearest_scan(opened, scan, f"--scan {scan}")]
         when = format_instant(stored.scan.time)
         if not change:
             write_height_map(stored.scan, out)
@@ -71,16 +71,16 @@ def export(
         print(f"wrote {out}: {'change at ' if change else ''}scan {stored.number} of {when}")
 
 
-def _number(store: Store, text: str) -> int:
-    """Give the number that a text says, or that of the scan nearest to the time that it says."""
+def nearest_scan(store: Store, text: str, said: str) -> int:
+    """Give the number that a text says, or that of the scan nearest to its time; `said` is how the user wrote it."""
     count = len(store)
     if text.removeprefix("-").isdecimal():
         number = int(text)
         if not -count <= number < count:
-            raise InputError(f"--scan {text}: there is no such scan, the newest is {count - 1}")
+            raise InputError(f"{said}: there is no such scan, the newest is {count - 1}")
         return number % count
     try:
         moment = parse_instant(text)
     except ValueError as error:
-        raise InputError(f"--scan: {error}, or give a number") from None
+        raise InputError(f"{said}: {error}, or give a number") from None
     return int(np.argmin(np.abs(store.window()["time"].values - moment)))

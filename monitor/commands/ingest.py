@@ -151,6 +151,8 @@ def _wishes(
 
 def _read(file: Path, number: int, wishes: Wishes, grid: Grid | None, usual_zone: str | None) -> Scan:
     raster = read_raster(file, grid=grid, pitch_mm=wishes.pitch_mm, unit=wishes.unit)
+    if raster.note:
+        print(raster.note)
     if wishes.times:
         when = wishes.times[number]
     elif raster.time is not None:
@@ -207,7 +209,7 @@ def _kept(store: Store, file: Path, scan: Scan, rules: Rules, watches: Watches) 
     last = store[-1] if len(store) else None
     baseline = store[last.baseline].scan if last is not None else None
     notes = (Event(scan.time, "note", f"imported from {file.name}"),)
-    finding = compare_with(baseline, scan, rules.stable, rules.region, rules.metrics)
+    finding = compare_with(baseline, scan, rules.stable, rules.region, rules.metrics, rules.noise)
     result = judged(finding, rules.alarms, watches, scan.time, notes)
     number = store.append(result.tick)
     rejected = f", not compared: {result.cause}" if result.cause else ""

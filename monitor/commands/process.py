@@ -20,7 +20,7 @@ from ..reprocess import Outcome, campaign_of, rules_of
 from ..reprocess import process as work_out
 from .reconstruct import read_calibration
 
-__all__ = ["process"]
+__all__ = ["process", "scan_number"]
 
 
 def process(
@@ -74,8 +74,8 @@ def process(
             raise InputError(f"{store}: holds no scan yet")
         settings = file.campaign if file is not None else campaign_of(opened)
         zone = settings.site.zone if settings is not None else "UTC"
-        first = _number(opened, from_, zone, "--from") if from_ is not None else 0
-        last = _number(opened, to, zone, "--to") if to is not None else len(opened) - 1
+        first = scan_number(opened, from_, zone, "--from") if from_ is not None else 0
+        last = scan_number(opened, to, zone, "--to") if to is not None else len(opened) - 1
         if first > last:
             raise InputError(f"--from {from_} --to {to}: no scan lies between them")
         rules = rules_of(file.campaign if file is not None else None, opened)
@@ -97,7 +97,7 @@ def process(
     return 0
 
 
-def _number(store: Store, text: str, zone: str, option: str) -> int:
+def scan_number(store: Store, text: str, zone: str, option: str) -> int:
     """Give a scan's number: that of the first not before a time, or for ``--to`` the last not after it."""
     if text.isdecimal():
         number = int(text)

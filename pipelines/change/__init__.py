@@ -15,9 +15,13 @@ from .m3c2 import Distances, m3c2
 from .metrics import METRICS, measure
 from .motion import Motion, Verdict
 from .move import apply_motion
+from .noise_model import NoiseCell, NoiseModel
 from .objects import Expected, ObjectRule, StandingObject, find_objects
 from .regions import polygon_mask
 from .register import register
+from .repeatability import noise_model, repeat_pairs
+from .roughness import ROUGHNESS, Filters, filtered, roughness
+from .stable import largest_consensus
 from .substrate import Substrate, bare_substrate, update_substrate
 from .tracking import Sighting, Sightings, follow_objects
 from .values import Change, Comparison, Measurement, Metric
@@ -25,6 +29,7 @@ from .volume import Volumes, volumes
 
 __all__ = [
     "METRICS",
+    "ROUGHNESS",
     "Change",
     "Comparison",
     "CrackDepths",
@@ -39,9 +44,12 @@ __all__ = [
     "Deposit",
     "Distances",
     "Expected",
+    "Filters",
     "Measurement",
     "Metric",
     "Motion",
+    "NoiseCell",
+    "NoiseModel",
     "ObjectRule",
     "Sighting",
     "Sightings",
@@ -57,15 +65,20 @@ __all__ = [
     "crack_openings",
     "difference",
     "edge_lift",
+    "filtered",
     "find_deposits",
     "find_objects",
     "follow_cracks",
     "follow_objects",
+    "largest_consensus",
     "m3c2",
     "measure",
     "next_cracks",
+    "noise_model",
     "polygon_mask",
     "register",
+    "repeat_pairs",
+    "roughness",
     "update_substrate",
     "volumes",
 ]

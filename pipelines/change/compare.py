@@ -8,6 +8,7 @@ import numpy.typing as npt
 from ..scan import Scan
 from .difference import difference
 from .move import apply_motion
+from .noise_model import NoiseModel
 from .register import find_motion
 from .values import Comparison
 
@@ -19,6 +20,7 @@ def compare(
     baseline: Scan,
     stable: npt.NDArray[np.bool_] | None = None,
     region: npt.NDArray[np.bool_] | None = None,
+    noise: NoiseModel | None = None,
 ) -> Comparison:
     """Compare a scan with its baseline.
 
@@ -31,6 +33,8 @@ def compare(
     region : ndarray of bool, shape (rows, columns), optional
         Cells that count; everything if left out. Given stable areas are taken out of it, found ones are not: they
         are soil.
+    noise : NoiseModel, optional
+        Calibrated from repeat scans (`noise_model`); it then makes the level of detection and the volumes' uncertainty.
 
     Returns
     -------
@@ -50,4 +54,4 @@ def compare(
     counts = np.ones(shape, dtype=np.bool_) if region is None else region.copy()
     if stable is not None:
         counts &= ~stable
-    return Comparison(baseline, moved, difference(moved, baseline, motion), held, counts)
+    return Comparison(baseline, moved, difference(moved, baseline, motion, noise), held, counts, noise)

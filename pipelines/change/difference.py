@@ -6,6 +6,7 @@ import numpy as np
 
 from ..scan import Scan
 from .motion import Motion
+from .noise_model import NoiseModel, local_slope
 from .values import Change
 
 __all__ = ["Z_95", "difference"]
@@ -14,7 +15,7 @@ Z_95 = 1.959963984540054
 """Two-sided 95 % point of the normal distribution."""
 
 
-def difference(moved: Scan, baseline: Scan, motion: Motion) -> Change:
+def difference(moved: Scan, baseline: Scan, motion: Motion, noise: NoiseModel | None = None) -> Change:
     """Subtract the baseline from a scan that was moved onto it (DoD, a difference of elevation models).
 
     Parameters
@@ -24,6 +25,8 @@ def difference(moved: Scan, baseline: Scan, motion: Motion) -> Change:
     baseline : Scan
     motion : Motion
         What was taken out; its vertical uncertainty widens the level of detection.
+    noise : NoiseModel, optional
+        Calibrated from repeat scans.
 
     Returns
     -------
@@ -31,7 +34,9 @@ def difference(moved: Scan, baseline: Scan, motion: Motion) -> Change:
         ``dz`` in mm; NaN where either scan is NaN. ``lod = 1.96 (sqrt(s1^2 + s2^2) + reg)``, the 95 % level of
         detection of Lague, Brodu and Leroux (2013, eq. 1) with each cell's own standard uncertainties in place
         of roughness over root n, and ``reg`` the vertical uncertainty of the registration, which they add
-        linearly because every cell shares it.
+        linearly because every cell shares it. With a noise model ``lod = 1.96 sd``, sd the model's for the cell's
+        sigmas and slope; by as much as this registration is less certain than those of the repeat scans, in
+        quadrature, sd is greater.
 
     Raises
     ------
@@ -43,6 +48,10 @@ def difference(moved: Scan, baseline: Scan, motion: Motion) -> Change:
     dz = moved.height - baseline.height
     spread = np.sqrt(moved.sigma.astype(np.float32) ** 2 + baseline.sigma**2)
     shared = motion.sigma_z_mm if np.isfinite(motion.sigma_z_mm) else 0.0
-    lod = np.float32(Z_95) * (spread + np.float32(shared))
+    if noise is None:
+        lod = np.float32(Z_95) * (spread + np.float32(shared))
+    else:
+        known = noise.sd(spread, local_slope(baseline.height, baseline.grid.pitch_mm))
+        lod = np.float32(Z_95) * np.hypot(known, np.float32(np.sqrt(max(0.0, shared**2 - noise.sigma_z_mm**2))))
     lod[~np.isfinite(dz)] = np.nan
     return Change(baseline.grid, baseline.time, dz, lod, motion)

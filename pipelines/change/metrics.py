@@ -27,7 +27,7 @@ NOT_MEASURED = Measurement(float("nan"), float("nan"))
 # (Comparison has no equality), and `measure` empties them, so that no scan outlives its tick.
 @lru_cache(maxsize=1)
 def _volumes(comparison: Comparison) -> Volumes:
-    return volumes(comparison.change, comparison.region, comparison.stable)
+    return volumes(comparison.change, comparison.region, comparison.stable, comparison.noise)
 
 
 @lru_cache(maxsize=1)

@@ -35,6 +35,9 @@ class Motion:
     verdict : {"good", "doubtful", "failed"}
     reason : str
         Why the verdict is not good; empty where it is.
+    covariance : ndarray of float64, shape (6, 6), optional
+        Of shifts along x, y, z (mm) and turns about them (rad) at the middle of the stable cells; None where the motion
+        was not found by `register`, or was read back from a store.
     """
 
     matrix: npt.NDArray[np.float64]
@@ -45,10 +48,13 @@ class Motion:
     sigma_xy_mm: float
     verdict: Verdict
     reason: str = ""
+    covariance: npt.NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         if self.matrix.shape != (4, 4) or self.matrix.dtype != np.float64:
             raise ValueError(f"a motion is a 4x4 float64 matrix, not {self.matrix.dtype} {self.matrix.shape}")
+        if self.covariance is not None and self.covariance.shape != (6, 6):
+            raise ValueError(f"a motion's covariance is 6x6, not {self.covariance.shape}")
 
     @property
     def shift_mm(self) -> tuple[float, float, float]:

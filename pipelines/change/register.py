@@ -9,7 +9,7 @@ from ..scan import Scan
 from .drift import Drift, lateral_drift
 from .motion import Motion, Verdict
 from .move import apply_motion
-from .stable import Plane, fit_plane, largest_consensus
+from .stable import Plane, fit_plane, largest_consensus, mean_plane
 
 __all__ = ["find_motion", "register"]
 
@@ -96,18 +96,31 @@ def find_motion(
     expected = float(np.nanmedian(sigmas)) if np.isfinite(sigmas).any() else np.inf
     # 1 um keeps a noise-free height map (imported, synthetic) from being judged by its rounding
     verdict, reason = _judge(drift, plane.residual / max(expected, 1e-3), share)
+    # without a majority the offset is known no better than the change differs from place to place
+    sigma_z = plane.residual if share < LEAST_CONSENSUS else float(np.sqrt(plane.covariance[0, 0]))
     motion = Motion(
         matrix=matrix,
         residual_mm=plane.residual,
         overlap=overlap,
         conditioning=drift.conditioning,
-        # without a majority the offset is known no better than the change differs from place to place
-        sigma_z_mm=plane.residual if share < LEAST_CONSENSUS else float(np.sqrt(plane.covariance[0, 0])),
+        sigma_z_mm=sigma_z,
         sigma_xy_mm=drift.sigma_mm,
         verdict=verdict,
         reason=reason,
+        # with no majority the plane is of what changed: nobody knows how sure it is
+        covariance=None if share < LEAST_CONSENSUS else _covariance(plane, drift),
     )
     return motion, held
+
+
+def _covariance(plane: Plane, drift: Drift) -> npt.NDArray[np.float64]:
+    """Of shifts along x, y, z and turns about x, y, z: a slope along y is a turn about x, one along x against y."""
+    covariance = np.zeros((6, 6))
+    covariance[0, 0] = covariance[1, 1] = drift.sigma_mm**2
+    levels = np.zeros((6, 3))
+    levels[2, 0], levels[3, 2], levels[4, 1] = -1.0, -1.0, 1.0
+    covariance += levels @ plane.covariance @ levels.T
+    return covariance
 
 
 def _candidate(matrix: npt.NDArray[np.float64]) -> Motion:
@@ -120,7 +133,7 @@ def _failed(overlap: float, reason: str) -> Motion:
 
 
 def _plane_of(dz: npt.NDArray[np.float32], held: npt.NDArray[np.bool_], baseline: Scan) -> Plane | None:
-    """Plane through dz on the held cells, from at most MOST_CELLS of them."""
+    """Plane through dz on the held cells, robustly from at most MOST_CELLS of them, then from all."""
     rows, columns = np.nonzero(held)
     if rows.size < 50:
         return None
@@ -128,7 +141,8 @@ def _plane_of(dz: npt.NDArray[np.float32], held: npt.NDArray[np.bool_], baseline
     rows, columns = rows[::every], columns[::every]
     grid = baseline.grid
     values = dz[rows, columns].astype(np.float64)
-    return fit_plane(grid.x_mm[columns], grid.y_mm[rows], values, per_patch=max(1.0, SHARED_ERROR_CELLS / every))
+    plane = fit_plane(grid.x_mm[columns], grid.y_mm[rows], values, per_patch=max(1.0, SHARED_ERROR_CELLS / every))
+    return None if plane is None else mean_plane(plane, grid.x_mm, grid.y_mm, dz, held)
 
 
 def _levelling(plane: Plane, baseline: Scan) -> npt.NDArray[np.float64]:

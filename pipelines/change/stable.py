@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from .smoothing import MAD_TO_SIGMA, robust_sigma
 
-__all__ = ["Plane", "fit_plane", "largest_consensus"]
+__all__ = ["Plane", "fit_plane", "largest_consensus", "mean_plane"]
 
 CLIP = 4.685  # Tukey's biweight constant
 TRIPLES = 400
+TAIL = 3.0
+"""Residuals of more spreads are a distribution's tails."""
+LOPSIDED = 0.25
+"""Tails that differ by more than this share of both are not alike."""
+MISTAKE = 8.0
+"""Residuals of more spreads are no errors of measurement."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,6 +84,53 @@ def fit_plane(
     size = design.shape[1]
     covariance[:size, :size] = residual**2 * max(1.0, per_patch) * np.linalg.inv(normal)
     return Plane(np.append(level, np.zeros(3 - size)), centre, residual, covariance)
+
+
+def mean_plane(
+    plane: Plane,
+    x: npt.NDArray[np.float64],
+    y: npt.NDArray[np.float64],
+    dz: npt.NDArray[np.float32],
+    held: npt.NDArray[np.bool_],
+) -> Plane:
+    """Fit by plain least squares over all cells what a robust fit began, where both tails of its residuals weigh alike.
+
+    Tails on both sides are errors, whose mean is what a volume or a mean height must be free of; a robust fit follows
+    the mode instead. A heavier tail on one side is change that the ground was not spared, and the robust fit stays.
+
+    Parameters
+    ----------
+    plane : Plane
+        The robust fit.
+    x, y : ndarray of float64, shapes (columns,) and (rows,)
+        Cell centres, mm.
+    dz : ndarray of float32, shape (rows, columns)
+    held : ndarray of bool, shape (rows, columns)
+        Cells that hold still, all measured.
+    """
+    across, along = x - plane.centre[0], y - plane.centre[1]
+    offset, a, b = (np.float32(each) for each in plane.level)
+    off = np.where(held, dz - (offset + a * across.astype(np.float32) + b * along.astype(np.float32)[:, None]), 0)
+    bound = TAIL * max(plane.residual, 1e-9)
+    above, below = int((off > bound).sum()), int((off < -bound).sum())
+    if abs(above - below) > LOPSIDED * (above + below) + 4 * np.sqrt(above + below):
+        return plane
+    use = held & (np.abs(off) < MISTAKE * max(plane.residual, 1e-9))
+    off = np.where(use, off, np.float32(0))
+    by_row, by_column = use.sum(axis=1, dtype=np.float64), use.sum(axis=0, dtype=np.float64)
+    mixed = float(along @ (use @ across))
+    normal = np.array(
+        [
+            [by_row.sum(), by_column @ across, by_row @ along],
+            [by_column @ across, by_column @ across**2, mixed],
+            [by_row @ along, mixed, by_row @ along**2],
+        ]
+    )
+    over_rows = off.sum(axis=1, dtype=np.float64)
+    right = np.array([over_rows.sum(), off.sum(axis=0, dtype=np.float64) @ across, over_rows @ along])
+    if np.linalg.cond(normal) > 1e12:
+        return plane
+    return replace(plane, level=plane.level + np.linalg.solve(normal, right))
 
 
 def largest_consensus(

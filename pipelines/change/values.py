@@ -12,6 +12,7 @@ from ..grid import Grid
 from ..instant import Instant, check_instant
 from ..scan import Scan
 from .motion import Motion
+from .noise_model import NoiseModel
 
 __all__ = ["Change", "Comparison", "Measurement", "Metric"]
 
@@ -28,7 +29,7 @@ class Change:
     dz : ndarray of float32, shape (rows, columns)
         Height now minus height then, mm, after `motion`; NaN where either was not measured.
     lod : ndarray of float32, shape (rows, columns)
-        Level of detection at 95 %, mm (Lague, Brodu and Leroux 2013); NaN where `dz` is NaN.
+        Level of detection at 95 %, mm, Lague's or a noise model's (see `difference`); NaN where `dz` is NaN.
     motion : Motion
         What was taken out before subtracting.
     """
@@ -76,6 +77,8 @@ class Comparison:
         Cells that the campaign or the registration holds to be unmoved.
     region : ndarray of bool, shape (rows, columns)
         Cells that count: the campaign's region of interest, less the stable areas.
+    noise : NoiseModel, optional
+        What the level of detection in `change` rests on; None: on the scans' own sigmas.
     """
 
     baseline: Scan
@@ -83,6 +86,7 @@ class Comparison:
     change: Change
     stable: npt.NDArray[np.bool_]
     region: npt.NDArray[np.bool_]
+    noise: NoiseModel | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,15 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from .covariance import covariance_of_sums, error_covariance
 from .difference import Z_95
-from .smoothing import MAD_TO_SIGMA, local_mean, robust_sigma
+from .noise_model import NoiseModel
+from .smoothing import MAD_TO_SIGMA, local_mean
 from .values import Change, Measurement
 
 __all__ = ["Volumes", "error_covariance", "sum_sigma", "volume_sigma", "volumes", "wall_sigma"]
 
 LOCAL_CELLS = 5
 """Side of the window whose mean decides between gained and lost: fewer cells are counted for their noise alone."""
-LEAST_STABLE_CELLS = 400
 SHARED_CELLS = 9
 """Neighbouring cells that share an error where it could not be measured: a stripe is 2 to 3 cells wide."""
 WALL_SLOPE = 0.5
@@ -23,56 +24,21 @@ WALL_SLOPE = 0.5
 WALL_CELLS = float(1 / np.sqrt(12))
 """Standard uncertainty of a wall's place, in cells: uniform within one. All walls err to the same side, because a cell
 that sees both levels takes the upper one."""
-MOST_LAG_MM_SHARE = 0.25
-"""Longest lag of the covariance, as a share of the grid's shorter side: beyond it too few pairs are left."""
 
 
 @dataclass(frozen=True, slots=True)
 class Volumes:
-    """Volumes between two scans, mm3; `covered` is the share of the region's cells measured in both, 0 to 1."""
+    """Volumes between two scans, mm3; `covered` is the share of the region's cells measured in both, 0 to 1.
+
+    `systematic_mm3` is the part of the net volume's uncertainty that registration brings, which all cells share; the
+    two are correlated, so that the rest is not simply what is left of the squares.
+    """
 
     gained: Measurement
     lost: Measurement
     net: Measurement
     covered: float
-
-
-def error_covariance(dz: npt.NDArray[np.float32], stable: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64] | None:
-    """Covariance of dz's error by lag, from ground that did not move.
-
-    Parameters
-    ----------
-    dz : ndarray of float32, shape (rows, columns)
-        mm; NaN where not measured.
-    stable : ndarray of bool, shape (rows, columns)
-
-    Returns
-    -------
-    ndarray of float64, shape (lags,) or None
-        mm2 at lags of 0, 1, 2, ... cells, averaged over directions and cut at its first value below zero; None
-        where fewer than 400 stable cells were measured. Both autocorrelations, of the values and of their mask,
-        by FFT. Gross outliers (beyond 6 robust sigmas) are left out.
-    """
-    from scipy import fft
-
-    use = stable & np.isfinite(dz)
-    if use.sum() < LEAST_STABLE_CELLS:
-        return None
-    values = np.where(use, dz, np.float32(0)).astype(np.float64)
-    middle, spread = float(np.median(dz[use])), robust_sigma(dz[use])
-    use &= np.abs(values - middle) <= 6 * max(spread, 1e-9)
-    values = np.where(use, values - values[use].mean(), 0.0)
-    reach = max(2, int(MOST_LAG_MM_SHARE * min(dz.shape)))
-    shape = [fft.next_fast_len(n + reach, real=True) for n in dz.shape]
-    products = fft.irfft2(np.abs(fft.rfft2(values, shape)) ** 2, shape)
-    pairs = fft.irfft2(np.abs(fft.rfft2(use.astype(np.float64), shape)) ** 2, shape)
-    lag, inside = _lags(shape, reach)
-    weight = np.bincount(lag[inside], weights=pairs[inside], minlength=reach + 1)
-    total = np.bincount(lag[inside], weights=products[inside], minlength=reach + 1)
-    enough = weight > 0.02 * weight[0]
-    covariance = np.where(enough, total / np.maximum(weight, 1), 0.0)
-    below = np.flatnonzero(covariance <= 0)
-    return covariance[: int(below[0])] if below.size else covariance
+    systematic_mm3: float = float("nan")
 
 
 def volume_sigma(mask: npt.NDArray[np.bool_], covariance: npt.NDArray[np.float64], pitch_mm: float) -> float:
@@ -81,18 +47,8 @@ def volume_sigma(mask: npt.NDArray[np.bool_], covariance: npt.NDArray[np.float64
     ``Var(V) = L^4 sum_h R_mask(h) C(h)``, R_mask the mask's autocorrelation (number of pairs of its cells at lag
     h) by FFT, C as `error_covariance` gives it.
     """
-    from scipy import fft
-
-    if not mask.any() or covariance.size == 0:
-        return 0.0
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    cut = mask[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-    reach = covariance.size - 1
-    shape = [fft.next_fast_len(n + reach + 1, real=True) for n in cut.shape]
-    pairs = fft.irfft2(np.abs(fft.rfft2(cut.astype(np.float64), shape)) ** 2, shape)
-    lag, inside = _lags(shape, reach)
-    count = np.bincount(lag[inside], weights=pairs[inside], minlength=reach + 1)
-    return float(pitch_mm**2 * np.sqrt(max(0.0, float(count[: reach + 1] @ covariance))))
+    variance = float(covariance_of_sums([mask.astype(np.float64)], covariance)[0, 0])
+    return float(pitch_mm**2 * np.sqrt(max(0.0, variance)))
 
 
 def sum_sigma(
@@ -127,15 +83,12 @@ def wall_sigma(dz: npt.NDArray[np.float32], use: npt.NDArray[np.bool_], pitch_mm
     return float(WALL_CELLS * pitch_mm**2 * np.sqrt(jumps).sum())
 
 
-def _lags(shape: list[int], reach: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.bool_]]:
-    """Distance of each lag of a real FFT's plane, whole cells; and which are within reach."""
-    row = np.minimum(np.arange(shape[0]), shape[0] - np.arange(shape[0]))
-    column = np.minimum(np.arange(shape[1]), shape[1] - np.arange(shape[1]))
-    lag = np.rint(np.hypot(row[:, None], column[None, :])).astype(np.intp)
-    return lag, lag <= reach
-
-
-def volumes(change: Change, region: npt.NDArray[np.bool_], stable: npt.NDArray[np.bool_]) -> Volumes:
+def volumes(
+    change: Change,
+    region: npt.NDArray[np.bool_],
+    stable: npt.NDArray[np.bool_],
+    noise: NoiseModel | None = None,
+) -> Volumes:
     """Sum dz over a region.
 
     Parameters
@@ -145,6 +98,8 @@ def volumes(change: Change, region: npt.NDArray[np.bool_], stable: npt.NDArray[n
         Cells that count.
     stable : ndarray of bool, shape (rows, columns)
         Ground that did not move, from which the error's covariance is taken.
+    noise : NoiseModel, optional
+        What the covariance is taken from instead; `change.lod` must rest on it.
 
     Returns
     -------
@@ -172,16 +127,78 @@ def volumes(change: Change, region: npt.NDArray[np.bool_], stable: npt.NDArray[n
     lost = gained - net
 
     covariance = error_covariance(change.dz, stable)
-    spread = sum_sigma(use, change.lod, covariance, grid.pitch_mm)
+    random, systematic = _net_sigma(change, use, stable & np.isfinite(change.dz), covariance, noise)
     if covariance is None:
-        noise = float(np.median(change.lod[use])) / Z_95 / 2
+        still = float(np.median(change.lod[use])) / Z_95 / 2
     else:
-        noise = float(MAD_TO_SIGMA * np.nanmedian(np.abs(local_mean(change.dz, LOCAL_CELLS)[stable])))
-    shared = change.motion.sigma_z_mm if np.isfinite(change.motion.sigma_z_mm) else 0.0
+        still = float(MAD_TO_SIGMA * np.nanmedian(np.abs(local_mean(change.dz, LOCAL_CELLS)[stable])))
     area = int(use.sum()) * cell
-    sigma = float(np.hypot(np.hypot(spread, wall_sigma(change.dz, use, grid.pitch_mm)), shared * area))
-    quiet = float((np.abs(smooth[use]) < 2 * noise).mean())
+    sigma = float(np.hypot(random, wall_sigma(change.dz, use, grid.pitch_mm)))
+    quiet = float((np.abs(smooth[use]) < 2 * still).mean())
     # E max(e, 0) = 0.4 sigma for a normal error: what noise adds to both sums where nothing changed
-    rectified = float(0.4 * noise * area * quiet)
+    rectified = float(0.4 * still * area * quiet)
     part = float(np.hypot(sigma, rectified))
-    return Volumes(Measurement(gained, part), Measurement(lost, part), Measurement(net, sigma), use.sum() / total)
+    measured = Measurement(gained, part), Measurement(lost, part), Measurement(net, sigma)
+    return Volumes(*measured, use.sum() / total, systematic)
+
+
+def _net_sigma(
+    change: Change,
+    use: npt.NDArray[np.bool_],
+    ground: npt.NDArray[np.bool_],
+    covariance: npt.NDArray[np.float64] | None,
+    noise: NoiseModel | None,
+) -> tuple[float, float]:
+    """Standard uncertainty of the net volume, mm3, walls apart, and of registration's part in it.
+
+    A registered difference is the heights' less a plane through the ground, so that the net volume is a weighted sum
+    of the errors of region and ground, and its variance is exact, whichever of the two share their errors.
+    """
+    motion, cell = change.motion, change.grid.cell_mm2
+    sd = np.where(np.isfinite(change.lod), change.lod, 0).astype(np.float64) / Z_95
+    shared = motion.sigma_z_mm if np.isfinite(motion.sigma_z_mm) else 0.0
+    weights = use.astype(np.float64)
+    unseen = 0.0
+    if noise is not None:
+        covariance = noise.correlation
+    elif covariance is None:
+        return _apart(float(np.sqrt(SHARED_CELLS * (sd[use] ** 2).sum())) * cell, shared * float(use.sum()) * cell)
+    else:
+        said = np.maximum(sd - shared, 0) ** 2
+        # Ground that did not move repeats its errors (the stripes fall where they fell before) and looks better than
+        # what changed: what the sigmas say and the ground does not show counts too, shared by SHARED_CELLS neighbours
+        shown = float(covariance[0]) if covariance.size else 0.0
+        unseen = max(0.0, float(said[use].mean()) - shown) * SHARED_CELLS * float(use.sum())
+    scale = sd if noise is not None else 1.0
+    # ground within the region was found, not given: it may hold a little of the change, which no residual tells
+    if motion.covariance is None or not ground.any() or (use & ground).any():
+        random = float(covariance_of_sums([weights * scale], covariance)[0, 0]) + unseen
+        return _apart(float(np.sqrt(max(0.0, random))) * cell, shared * float(use.sum()) * cell)
+    levelling = _levelling_weights(use, ground)
+    both = covariance_of_sums([weights * scale, levelling * scale], covariance)
+    # a sum's own variance is never below 0 but for rounding
+    total = float(both[0, 0] - 2 * both[0, 1] + both[1, 1]) + unseen
+    return float(np.sqrt(max(0.0, total))) * cell, float(np.sqrt(max(0.0, both[1, 1]))) * cell
+
+
+def _apart(random: float, systematic: float) -> tuple[float, float]:
+    """Both together where they have nothing to do with each other, and the second."""
+    return float(np.hypot(random, systematic)), systematic
+
+
+def _levelling_weights(use: npt.NDArray[np.bool_], ground: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64]:
+    """How much an error of each cell of the ground adds to the plane's sum over the region, by least squares."""
+    row, column = (np.arange(n, dtype=np.float64) - n / 2 for n in use.shape)
+
+    def moments(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64]:
+        over_rows, over_columns = mask.sum(axis=1, dtype=np.float64), mask.sum(axis=0, dtype=np.float64)
+        return np.array([over_rows.sum(), row @ over_rows, column @ over_columns])
+
+    n, r, c = moments(ground)
+    rr = float(row**2 @ ground.sum(axis=1))
+    cc = float(column**2 @ ground.sum(axis=0))
+    rc = float(row @ (ground.astype(np.float64) @ column))
+    normal = np.array([[n, r, c], [r, rr, rc], [c, rc, cc]])
+    level = np.linalg.lstsq(normal, moments(use), rcond=None)[0]
+    plane = level[0] + level[1] * row[:, None] + level[2] * column[None, :]
+    return np.where(ground, plane, 0.0)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +12,9 @@ import numpy.typing as npt
 import pytest
 
 from monitor.cli import run_tokens
+from pipelines import Tick, parse_instant
 from pipelines.change import m3c2
-from storage import write_height_map
+from storage import create_store, read_height_map, write_height_map
 from tests.pipelines.change.scans import bumps, sampled, scan_of
 
 SURFACE = bumps(seed=2)
@@ -128,3 +131,82 @@ def test_help_shows_an_example(capsys: pytest.CaptureFixture[str]) -> None:
     shown = capsys.readouterr().out
     assert "Example" in shown
     assert "microrelief compare " in shown
+
+
+@pytest.fixture
+def site(maps: Path) -> Path:
+    """The two maps as scans 0 and 1 of a store, and as 2 the moved one."""
+    store = create_store(maps / "site.icechunk", site="site", grid=scan_of(sampled(SURFACE)).grid)
+    for number, name in enumerate(("before", "after", "moved")):
+        scan = read_height_map(maps / f"{name}.npz")
+        time = parse_instant(f"2026-01-01T{number:02d}:00:00Z")
+        store.append(Tick(time, replace(scan, time=time)))
+    store.close()
+    return maps
+
+
+def test_scans_of_a_store(site: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = ["--method", "dod", "--out", "c.npz"]
+    assert run_tokens(["compare", "site.icechunk@0", "site.icechunk@2026-01-01T01:10:00Z", *options]) == 0
+    said = capsys.readouterr().out
+    assert "scan 1 of 2026-01-01T01:00:00Z" in said
+    net, sigma = measured(said, "net")
+    assert abs(net - VOLUME) < 3 * sigma
+    with np.load("c.npz") as found, np.load("before.npz") as one, np.load("after.npz") as two:
+        np.testing.assert_allclose(found["distance"], two["height"] - one["height"], atol=6e-4)  # stored in 0.5 um
+        np.testing.assert_array_equal(found["motion"], np.eye(4))
+    # a file beside a scan of a store
+    assert run_tokens(["compare", "before.npz", "site.icechunk@-1", *options]) == 0
+    assert "scan 2 of" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["site.icechunk", "after.npz"], "is a store: say which scan, site.icechunk@12"),
+        (["site.icechunk@7", "after.npz"], "site.icechunk@7: there is no such scan, the newest is 2"),
+        (["before.npz", "nowhere.icechunk@1"], "nowhere.icechunk"),
+        (["before.npz", "after.npz", "--stable", "plain.npz"], "list of polygons"),
+        (["before.npz", "after.npz", "--stable", "none.json"], "No such file"),
+    ],
+)
+def test_what_is_no_scan_or_area_is_said(
+    site: Path, capsys: pytest.CaptureFixture[str], words: list[str], said: str
+) -> None:
+    assert run_tokens(["compare", *words, "--out", "c.npz"]) != 0
+    assert said in capsys.readouterr().err
+
+
+def test_stable_areas_show_what_settled(maps: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    frame = [[[-1, -1], [5, -1], [5, 0.6], [-1, 0.6]], [[-1, 2.6], [5, 2.6], [5, 5], [-1, 5]]]
+    (maps / "frame.json").write_text(json.dumps(frame), encoding="utf-8")
+    with np.load("before.npz") as kept:
+        height = kept["height"].copy()
+    settled = height + 0.05
+    settled[31:130] -= 0.02
+    write_height_map(scan_of(settled + np.random.default_rng(5).normal(0, 0.002, height.shape)), maps / "settled.npz")
+    words = ["compare", "before.npz", "settled.npz", "--method", "dod", "--register", "--out", "c.npz"]
+    assert run_tokens([*words, "--stable", "frame.json"]) == 0
+    said = capsys.readouterr().out
+    net, sigma = measured(said, "net")
+    assert abs(net - -0.02 * 99 * 200 * PITCH**2) < 3 * sigma
+    assert "one error for all cells" in said
+    assert "outside of the stable areas" in said
+    with np.load("c.npz") as found:
+        assert np.nanmedian(found["distance"][40:120]) == pytest.approx(-0.02, abs=0.001)
+
+
+def test_roughness_of_a_file_and_of_a_stored_scan(site: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_tokens(["roughness", "before.npz", "--s-filter", "0", "--form", "0", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["filters"] == {"s_mm": None, "l_mm": None, "form": 0}
+    with np.load("before.npz") as kept:
+        assert told["parameters"]["Sq"]["value"] == pytest.approx(kept["height"].std(), rel=1e-6)
+    assert run_tokens(["roughness", "site.icechunk@0", "--l-filter", "0.8"]) == 0
+    said = capsys.readouterr().out
+    assert "S 0.06 mm, F plane, L 0.8 mm" in said
+    assert re.search(r"Sq +\S+ ± \S+ mm", said)
+    assert run_tokens(["roughness", "before.npz", "--l-filter", "0.01"]) != 0
+    assert "finer than the L-filter" in capsys.readouterr().err
+    assert run_tokens(["roughness", "--help"]) == 0
+    assert "microrelief roughness " in capsys.readouterr().out

@@ -5,19 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from pipelines import Scan
 from pipelines.change import register
-from storage import read_height_map
+from storage import read_raster
 from tests.pipelines.change.scans import scan_of
 
 CELL = 90.0
-"""Metres; the files count in degrees, which are taken as they are here."""
+"""Metres, as the published offset counts them; the files are in degrees."""
 
 
 def terrain(file: Path) -> Scan:
     """Rows from the north down, as both files begin in one corner; heights in metres, good to one."""
-    height = read_height_map(file).height[::-1] / 1000
+    height = read_raster(file).height[::-1] / 1000
     return scan_of(height[:995, :997], CELL, sigma=1.0, texture=np.zeros((995, 997)))
 
 
@@ -31,3 +32,12 @@ def test_the_published_offset_is_found(shared_data: Path) -> None:
     assert motion.verdict != "failed"
     assert abs(x / CELL - 3) <= 0.01
     assert abs(y / CELL - 5) <= 0.01
+    assert abs(z - -0.01765) <= 0.002  # xdem 0.2.3's LZD on the same cells: -0.01787
+
+
+def test_degrees_are_taken_as_metres_on_the_ellipsoid(shared_data: Path) -> None:
+    raster = read_raster(shared_data / "change" / "srtm" / "srtm_ref.tif")
+    # 3 arc seconds at 39.5833 degrees north by pyproj's Geod(ellps="WGS84").inv, in metres
+    assert raster.pitch_mm[0] == pytest.approx(71592.17851752057, rel=1e-6)
+    assert raster.pitch_mm[1] == pytest.approx(92522.1970066478, rel=1e-6)
+    assert "lies in degrees" in raster.note

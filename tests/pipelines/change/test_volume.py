@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from pipelines.change import Change, Motion, difference, volumes
+from pipelines.change import Change, Motion, compare, difference, volumes
 from pipelines.change.volume import error_covariance, volume_sigma
 from tests.pipelines.change.scans import sampled, scan_of
 
@@ -115,6 +115,41 @@ def test_the_uncertainty_of_the_net_volume_is_honest() -> None:
         gained.append((found.gained.value - truth) / found.gained.sigma)
     assert 0.6 < np.std(scores) < 1.5
     assert np.sqrt(np.mean(np.square(gained))) < 1.7
+
+
+def registered_volume(seed: int, reach: float) -> tuple[float, float, float]:
+    """Net volume of a change, its sigma and the truth: white and correlated noise, levelled on the ground beside."""
+    shape = (140, 180)
+    ground = np.ones(shape, dtype=np.bool_)
+    ground[30:110, 50:130] = False
+    random = np.random.default_rng(seed)
+    truth = np.where(ground, 0.0, 0.01)
+    noise = random.normal(0, 0.002, shape) + correlated(random, shape, reach, 0.002)
+    tilt = 0.03 + 0.004 * np.arange(shape[1]) * PITCH - 0.002 * np.arange(shape[0])[:, None] * PITCH
+    still = scan_of(np.zeros(shape), PITCH, sigma=0.002)
+    scan = scan_of(truth + noise + tilt, PITCH, sigma=0.002, hour=1)
+    net = volumes(compare(scan, still, ground).change, ~ground, ground).net
+    return net.value, net.sigma, float(truth.sum()) * PITCH**2
+
+
+def check_coverage(runs: int, reach: float, spread: float, covered: tuple[float, float]) -> None:
+    values, sigmas, truths = np.array([registered_volume(seed, reach) for seed in range(runs)]).T
+    off = values - truths
+    ratio = float(np.sqrt((sigmas**2).mean() / (off**2).mean()))
+    inside = float((np.abs(off) < 1.96 * sigmas).mean())
+    print(f"reach {reach}: sigma over Monte Carlo {ratio:.3f}, coverage of 95 % intervals {100 * inside:.1f} %")
+    assert abs(ratio - 1) < spread
+    assert covered[0] <= inside <= covered[1]
+
+
+def test_sigma_is_that_of_monte_carlo_registration_included() -> None:
+    check_coverage(60, 3.0, 0.2, (0.88, 1.0))  # 60 runs know a spread to 9 %
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("reach", [2.0, 3.0, 5.0])
+def test_sigma_is_that_of_monte_carlo_in_500_runs(reach: float) -> None:
+    check_coverage(500, reach, 0.1, (0.92, 0.98))
 
 
 def test_too_little_ground_falls_back_on_the_sigmas() -> None:

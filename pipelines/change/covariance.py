@@ -1,0 +1,171 @@
+"""Covariance of a map's error by lag, and what it makes of weighted sums over cells: both exact, by FFT."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from .smoothing import robust_sigma
+
+__all__ = ["covariance_by_lag", "covariance_of_sums", "error_covariance", "longest_lag"]
+
+Floats = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+
+LEAST_CELLS = 400
+GROSS = 6.0
+"""Values farther off than so many robust sigmas are left out: they are change or mistakes, not the error asked for."""
+MOST_LAG_SHARE = 0.25
+"""Longest lag of the covariance, as a share of the grid's shorter side: beyond it too few pairs are left."""
+ROUNDS = 6
+
+
+def longest_lag(shape: tuple[int, int]) -> int:
+    """Longest lag, cells, to which a covariance is estimated on maps of this shape."""
+    return max(2, int(MOST_LAG_SHARE * min(shape)))
+
+
+def error_covariance(dz: npt.NDArray[np.float32], stable: Mask) -> Floats | None:
+    """Covariance of dz's error by lag, from ground that did not move.
+
+    Parameters
+    ----------
+    dz : ndarray of float32, shape (rows, columns)
+        mm; NaN where not measured.
+    stable : ndarray of bool, shape (rows, columns)
+
+    Returns
+    -------
+    ndarray of float64, shape (lags,) or None
+        mm2 at lags of 0, 1, 2, ... cells, averaged over directions and cut at its first value below zero; None
+        where fewer than 400 stable cells were measured. Gross outliers (beyond 6 robust sigmas) are left out.
+    """
+    use = stable & np.isfinite(dz)
+    if use.sum() < LEAST_CELLS:
+        return None
+    middle, spread = float(np.median(dz[use])), robust_sigma(dz[use])
+    use &= np.abs(np.where(use, dz, 0) - middle) <= GROSS * max(spread, 1e-9)
+    values = np.where(use, dz, np.float32(0)).astype(np.float64)
+    values = np.where(use, values - values[use].mean(), 0.0)
+    reach = longest_lag((dz.shape[0], dz.shape[1]))
+    covariance = _with_plane(covariance_by_lag([(values, use)], reach), use, reach)
+    return _positive(covariance)
+
+
+def _positive(covariance: Floats) -> Floats:
+    """A covariance up to its first value below zero: beyond it is chance."""
+    below = np.flatnonzero(covariance <= 0)
+    return covariance[: int(below[0])] if below.size else covariance
+
+
+def _with_plane(found: Floats, use: Mask, reach: int) -> Floats:
+    """Give back to a covariance what fitting a plane to the same ground took from it.
+
+    Residuals ``r = e - P e`` of a plane have the covariance ``C - P C P`` where errors reach less far than the ground
+    does. P C P is a sum over the plane's three orthonormal shapes, of the variance of each times its autocorrelation,
+    and follows from C: a few rounds find both.
+    """
+    shapes = [_products(shape, reach) for shape in _plane_shapes(use)]
+    pairs = np.maximum(_products(use.astype(np.float64), reach), 1.0)
+    covariance = found
+    for _ in range(ROUNDS):
+        known = _positive(covariance)
+        lost = sum(max(0.0, float(each[: known.size] @ known)) * each for each in shapes)
+        covariance = np.where(found != 0, found + lost / pairs, 0.0)
+    return covariance
+
+
+def _plane_shapes(use: Mask) -> list[Floats]:
+    """1, row and column on some cells, made orthonormal; 0 elsewhere."""
+    row, column = (np.arange(n, dtype=np.float64) - n / 2 for n in use.shape)
+    rows, columns = np.broadcast_to(row[:, None], use.shape), np.broadcast_to(column[None, :], use.shape)
+    design = np.stack([np.ones(int(use.sum())), rows[use], columns[use]], axis=1)
+    shapes = []
+    for values in np.linalg.qr(design)[0].T:
+        shape = np.zeros(use.shape)
+        shape[use] = values
+        shapes.append(shape)
+    return shapes
+
+
+def covariance_by_lag(fields: Iterable[tuple[Floats, Mask]], reach: int) -> Floats:
+    """Mean product of values by the distance between their cells, pooled over several maps.
+
+    Parameters
+    ----------
+    fields : iterable of (values, use)
+        Arrays of one shape (rows, columns); values are 0 where not used, and their mean is 0.
+    reach : int
+        Longest lag, cells.
+
+    Returns
+    -------
+    ndarray of float64, shape (reach + 1,)
+        At lags of 0, 1, 2, ... cells, averaged over directions; 0 where a lag has fewer than a fiftieth of the pairs
+        that lag 0 has. Autocorrelations of the values and of their mask, both by FFT: every pair counts.
+    """
+    weight, total = np.zeros(reach + 1), np.zeros(reach + 1)
+    for values, use in fields:
+        total += _products(values, reach)
+        weight += _products(use.astype(np.float64), reach)
+    enough = weight > 0.02 * weight[0]
+    return np.where(enough, total / np.maximum(weight, 1), 0.0)
+
+
+def _products(values: Floats, reach: int) -> Floats:
+    """Sum of the products of all pairs of values by the distance of their cells, to `reach`."""
+    from scipy import fft
+
+    shape = [fft.next_fast_len(n + reach, real=True) for n in values.shape]
+    lag, inside = _lags(shape, reach)
+    products = fft.irfft2(np.abs(fft.rfft2(values, shape)) ** 2, shape)
+    sums: Floats = np.bincount(lag[inside], weights=products[inside], minlength=reach + 1).astype(np.float64)
+    return sums
+
+
+def covariance_of_sums(parts: Sequence[Floats], covariance: Floats) -> Floats:
+    """Covariances of weighted sums of one error over all cells.
+
+    ``cov(sum_i a_i e_i, sum_j b_j e_j) = sum_h R_ab(h) C(h)``, R_ab the weights' correlation (how much weight lies at
+    lag h of each other), summed in the frequency domain.
+
+    Parameters
+    ----------
+    parts : sequence of ndarray of float64, shape (rows, columns) each
+        Weights.
+    covariance : ndarray of float64, shape (lags,)
+        Of the error at lags of 0, 1, 2, ... cells, 0 beyond.
+
+    Returns
+    -------
+    ndarray of float64, shape (parts, parts)
+    """
+    from scipy import fft
+
+    if covariance.size == 0:
+        return np.zeros((len(parts), len(parts)))
+    some = np.any([part != 0 for part in parts], axis=0)
+    rows, columns = np.flatnonzero(some.any(axis=1)), np.flatnonzero(some.any(axis=0))
+    if rows.size == 0:
+        return np.zeros((len(parts), len(parts)))
+    cut = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
+    reach = covariance.size - 1
+    shape = [fft.next_fast_len(n + reach + 1, real=True) for n in parts[0][cut].shape]
+    lag, inside = _lags(shape, reach)
+    power = fft.rfft2(np.where(inside, covariance[np.minimum(lag, reach)], 0.0)).real
+    # a real map's spectrum is kept by half: all columns but the first (and the last of an even width) stand for two
+    power[:, 1 : (shape[1] + 1) // 2] *= 2
+    spectra = [fft.rfft2(part[cut], shape) for part in parts]
+    found = [[float((np.conj(a) * b).real.ravel() @ power.ravel()) for b in spectra] for a in spectra]
+    both: Floats = np.array(found) / (shape[0] * shape[1])
+    return both
+
+
+def _lags(shape: list[int], reach: int) -> tuple[npt.NDArray[np.intp], Mask]:
+    """Distance of each lag of a plane of FFT lags, whole cells; and which are within reach."""
+    row = np.minimum(np.arange(shape[0]), shape[0] - np.arange(shape[0]))
+    column = np.minimum(np.arange(shape[1]), shape[1] - np.arange(shape[1]))
+    lag = np.rint(np.hypot(row[:, None], column[None, :])).astype(np.intp)
+    return lag, lag <= reach
