@@ -191,10 +191,10 @@ def _lines(frames: Frames, axis: Axis, noise: float, down: bool) -> tuple[F64, M
     And which pixels are lit and not saturated in any frame, and those of them that are not dark.
     """
     white, black = (frame_of(frames.patterns, what) for what in ("white", "black"))
-    chosen = frames.stack[[white, black, *_steps(frames, axis)]]
-    chosen = chosen.transpose(0, 2, 1) if down else chosen
-    lines = np.unique(np.linspace(0, chosen.shape[1] - 1, LINES).astype(np.int64))
-    some = chosen[:, lines].astype(np.float64)
+    chosen = np.array([white, black, *_steps(frames, axis)])
+    lines = np.unique(np.linspace(0, frames.stack.shape[2 if down else 1] - 1, LINES).astype(np.int64))
+    some = frames.stack[chosen[:, np.newaxis], :, lines] if down else frames.stack[chosen[:, np.newaxis], lines]
+    some = some.astype(np.float64)
     light = some[0] - some[1]
     lit = (light > 6 * sqrt(2) * noise) & (some.max(axis=0) < np.iinfo(frames.stack.dtype).max)
     return (

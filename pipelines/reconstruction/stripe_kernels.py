@@ -104,7 +104,8 @@ class StripePlaces(NamedTuple):
 
     def rows(self, first: int, last: int) -> StripePlaces:
         """Those of a stretch of rows."""
-        return StripePlaces(*(array[first:last] for array in self))
+        part = slice(first, last)
+        return StripePlaces(self.place[part], self.sigma[part], self.cost[part], self.coarser[part], self.blank[part])
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -143,7 +144,7 @@ def tile_power(stack, white, black, plus, minus, tile, lit, loss, power, weight)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", fastmath=LOOSE)
-def _distance(seen, swing, sample):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+def _distance(seen, swing, level, sample):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     """Squared distance of what is seen from what a sample of the model expects.
 
     The whole table is handed on: a row of it would be a new array, whose references are counted, at the cost of five
@@ -151,32 +152,33 @@ def _distance(seen, swing, sample):  # type: ignore[no-untyped-def]  # a kernel:
     """
     total, at = np.float32(0), np.uintp(sample)
     for k in range(WIDTH):
-        d = seen[k] - swing[at, np.uintp(k)]
+        d = seen[k] - swing[np.uintp(level), at, np.uintp(k)]
         total += d * d
     return total
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", fastmath=LOOSE)
-def _cost(seen, swing, loose, sample, q, more):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+def _cost(seen, swing, loose, level, sample, q, more):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     """The same in variances: of noise, of white minus black, of the model's own error, of the blur."""
     total, at = np.float32(0), np.uintp(sample)
     for k in range(WIDTH):
-        e = swing[at, np.uintp(k)]
+        e = swing[np.uintp(level), at, np.uintp(k)]
         d = seen[k] - e
-        total += d * d / (more + q * (np.float32(1) + e * e) + loose[at, np.uintp(k)])
+        total += d * d / (more + q * (np.float32(1) + e * e) + loose[np.uintp(level), at, np.uintp(k)])
     return total
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _scan(seen, word, near, swing, first, candidate, per_px, distances, samples):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+def _scan(seen, word, near, swing, level, first, candidate, per_px, distances, samples):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     """The sample most like what is seen among the candidates of a word, and the most like it of those not near it."""
-    count = first[word + 1] - first[word]
+    begin = first[level, word]
+    count = first[level, word + 1] - begin
     best, at = np.float32(FAR), -1
     for c in range(count):
-        start = candidate[first[word] + c] * per_px
+        start = candidate[begin + c] * per_px
         least, where = np.float32(FAR), start
         for sample in range(start + STRIDE // 2, start + per_px, STRIDE):
-            here = _distance(seen, swing, sample)
+            here = _distance(seen, swing, level, sample)
             if here < least:
                 least, where = here, sample
         distances[c], samples[c] = least, where
@@ -190,21 +192,21 @@ def _scan(seen, word, near, swing, first, candidate, per_px, distances, samples)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _around(seen, middle, near, swing, distances):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+def _around(seen, middle, near, swing, level, distances):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     """Compare every other sample near one: the sample most like what is seen, the first compared, how many."""
-    last = len(swing) - 1
+    last = swing.shape[1] - 1
     low = max(middle - near, 0)
     count = (min(middle + near, last) - low) // STRIDE + 1
     best, at = np.float32(FAR), low
     for c in range(count):
-        here = _distance(seen, swing, low + c * STRIDE)
+        here = _distance(seen, swing, level, low + c * STRIDE)
         distances[c] = here
         if here < best:
             best, at = here, low + c * STRIDE
     middle = at
     for sample in (middle - 1, middle + 1):
         if 0 <= sample <= last:
-            here = _distance(seen, swing, sample)
+            here = _distance(seen, swing, level, sample)
             if here < best:
                 best, at = here, sample
     return best, at, low, count
@@ -269,25 +271,24 @@ def locate_pixels(view, rows, found):  # type: ignore[no-untyped-def]  # a kerne
             if stack[white, i, j] == full:
                 more += np.float32(CUT_OFF)
             level = blur[i // tile, j // tile]
-            model, slack = swing[level], loose[level]
             if guess < 0:
                 guess = above[j]
             off, best, at, low, count, sure = np.float32(FAR), np.float32(FAR), -1, 0, 0, False
             if guess >= 0:
-                off, at, low, count = _around(seen, guess, near, model, distances)
-                best = _cost(seen, model, slack, at, q, more)
+                off, at, low, count = _around(seen, guess, near, swing, level, distances)
+                best = _cost(seen, swing, loose, level, at, q, more)
                 gap = unlike[level, at] - np.sqrt(off)
                 sure = gap > 0 and gap * gap > (margin + best) * (more + 2 * q + loosest[level])
             if not (sure and best < 0.5 * worst):
-                at, rival = _scan(seen, word, near, model, first[level], candidate, per_px, distances, samples)
+                at, rival = _scan(seen, word, near, swing, level, first, candidate, per_px, distances, samples)
                 if at < 0:
                     guess = -1
                     above[j] = -1
                     cost[n, j] = FAR
                     continue
-                off, at, low, count = _around(seen, at, near, model, distances)
-                best = _cost(seen, model, slack, at, q, more)
-                sure = rival < 0 or _cost(seen, model, slack, rival, q, more) - best > margin
+                off, at, low, count = _around(seen, at, near, swing, level, distances)
+                best = _cost(seen, swing, loose, level, at, q, more)
+                sure = rival < 0 or _cost(seen, swing, loose, level, rival, q, more) - best > margin
             cost[n, j] = best
             sure = sure and best <= worst
             guess = at if sure else -1
@@ -298,9 +299,9 @@ def locate_pixels(view, rows, found):  # type: ignore[no-untyped-def]  # a kerne
             before, after = max(at - 1, 0), min(at + 1, last)
             curvature, slope = np.float32(1e-9), np.float32(0)
             for bit in range(bits):
-                rise = (model[after, bit] - model[before, bit]) * np.float32(0.5)
-                e = model[at, bit]
-                weight = np.float32(1) / (more + q * (np.float32(1) + e * e) + slack[at, bit])
+                rise = (swing[level, after, bit] - swing[level, before, bit]) * np.float32(0.5)
+                e = swing[level, at, bit]
+                weight = np.float32(1) / (more + q * (np.float32(1) + e * e) + loose[level, at, bit])
                 curvature += rise * rise * weight
                 slope += rise * (seen[bit] - e) * weight
             found = at + min(max(slope / curvature, np.float32(-1)), np.float32(1))
@@ -328,7 +329,7 @@ def locate_pixels(view, rows, found):  # type: ignore[no-untyped-def]  # a kerne
             coarser[n, j] = hidden
             grey = 0
             for bit in range(bits):
-                grey += abs(model[at, bit]) < DOUBT and power[level, bit] > PLAIN
+                grey += abs(swing[level, at, bit]) < DOUBT and power[level, bit] > PLAIN
             blank[n, j] = grey >= BLANK
             place[n, j] = (found + np.float32(0.5)) / per_px - np.float32(0.5)
             sigma[n, j] = min(spread, np.float32(near)) / per_px

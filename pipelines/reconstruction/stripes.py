@@ -10,6 +10,7 @@ until the second finest stripes are lost too. The nearest point of the curve is 
 from __future__ import annotations
 
 from math import ceil, sqrt
+from typing import cast
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +31,7 @@ F32 = npt.NDArray[np.float32]
 U8 = npt.NDArray[np.uint8]
 Mask = npt.NDArray[np.bool_]
 I64 = npt.NDArray[np.int64]
+Stack = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
 TILE = 16
 """Blur is measured in tiles of so many camera pixels, each with the tiles around it."""
@@ -86,7 +88,7 @@ def _along(job: _Job, place: F32, sigma: F32) -> U8:
     away = min(MOST_AWAY, min(place.shape) // 8, ceil(PASSED_CELLS * cell / max(rise_px(found.place), 0.05)))
     in_slabs(rows, lambda first, last: reject_washed(found.place, found.blank, away, 0.5 * cell, first, last, washed))
     found.place[washed] = np.nan
-    keep_surfaces(found.place, found.sigma, found.cost / job.model.bits, place, sigma, cell_px=cell)
+    keep_surfaces(found.place, found.sigma, found.cost / np.float32(job.model.bits), place, sigma, cell_px=cell)
     return found.coarser
 
 
@@ -97,7 +99,7 @@ class _Job:
         patterns = frames.patterns
         self.model: SwingModel = swing_model(patterns, axis)
         bits = self.model.bits
-        self.stack = np.ascontiguousarray(frames.stack)
+        self.stack = cast(Stack, np.ascontiguousarray(frames.stack))
         self.plus, self.minus = np.full((2, bits), -1, np.int64)
         self.white, self.black = (frame_of(frames.patterns, what) for what in ("white", "black"))
         for number, role in enumerate(patterns.roles):
