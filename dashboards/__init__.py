@@ -2,6 +2,7 @@
 
 from .calibration_report import calibration_page
 from .findings import Findings, gather
+from .glance import Glance, glance, newest_picture, page_style
 from .record import record_review
 from .report import SECTIONS, write_findings, write_report
 from .section import Figure, Section, Table
@@ -13,16 +14,20 @@ __all__ = [
     "SECTIONS",
     "Figure",
     "Findings",
+    "Glance",
     "Section",
     "Table",
     "Verdict",
     "calibration_page",
     "check_ports",
     "gather",
+    "glance",
     "has_screen",
     "judge_findings",
+    "newest_picture",
     "open_command",
     "open_viewer",
+    "page_style",
     "record_review",
     "serve_web",
     "write_findings",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 
 from configs import Campaign, CampaignFile, InputError
@@ -18,7 +19,7 @@ from ..teller import Teller
 __all__ = ["follow", "run", "scan"]
 
 
-def run(campaign: Path, *, dry_run: bool = False, max_scans: int | None = None) -> int:
+def run(campaign: Path, *, dry_run: bool = False, max_scans: int | None = None, status_port: int | None = None) -> int:
     """Monitor on a schedule; go on where an earlier run ended.
 
     Prints ``committed scan N TIME`` once a scan is durable. A visit that fails is recorded, and the campaign goes on.
@@ -33,11 +34,13 @@ def run(campaign: Path, *, dry_run: bool = False, max_scans: int | None = None) 
         Check everything that needs no rig, show the coming visits and the disk they take, and scan nothing.
     max_scans
         Stop after so many visits.
+    status_port
+        Show on a page how it stands, on this port of this machine; see `microrelief serve`.
 
     Examples
     --------
     microrelief run soil.yaml --dry-run
-    microrelief run soil.yaml
+    microrelief run soil.yaml --status-port 8123
     """
     if max_scans is not None and max_scans < 1:
         raise InputError(f"--max-scans must be at least 1, not {max_scans}")
@@ -46,7 +49,14 @@ def run(campaign: Path, *, dry_run: bool = False, max_scans: int | None = None) 
         for line in forecast_lines(file.campaign, RealClock().now()):
             print(line)
         return 0
-    return follow(file, file.campaign, max_scans=max_scans, with_lag=file.campaign.schedule.video is not None)
+    with ExitStack() as stack:
+        if status_port is not None:
+            from ..page import PageServer, SiteSource
+
+            source = SiteSource(file.campaign.store.path, file.campaign)
+            server = stack.enter_context(PageServer([source], port=status_port))
+            print(f"status at {server.link}", flush=True)
+        return follow(file, file.campaign, max_scans=max_scans, with_lag=file.campaign.schedule.video is not None)
 
 
 def scan(campaign: Path) -> int:
