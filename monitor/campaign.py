@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from datetime import timedelta
 from pathlib import Path
@@ -29,7 +29,7 @@ from storage import (
 from . import __version__
 from .adaptive import pace_of
 from .clock import Clock, RealClock
-from .companions import Companions
+from .companions import Companion, Companions
 from .loop import Loop, Outcome, Settled
 from .notify import notifier_of
 from .resume import resume_slots
@@ -71,6 +71,7 @@ def run_campaign(
     stop: Flag | None = None,
     text: str = "",
     now: bool = False,
+    companions: Sequence[Companion] = (),
     work: Callable[[Frames, Recipe, Epoch | None, Instant], Yield] = visit,
 ) -> Outcome:
     """Run a campaign until its schedule is over, or something stops it.
@@ -100,6 +101,8 @@ def run_campaign(
         The campaign file's text, kept in the store.
     now : bool
         One visit at once, whatever the schedule says (`microrelief scan`).
+    companions : sequence of Companion
+        Who else is told of each slot, and may say what is to be noted in the store.
     work : callable
         What makes a tick of a capture.
 
@@ -153,11 +156,11 @@ def run_campaign(
             stack.callback(rig.close)
         pace = pace_of(campaign, store)
         notifier = notifier_of(campaign, store, clock.now)
-        companions = Companions([each for each in (pace, notifier) if each is not None])
-        stack.callback(companions.close)
+        along = Companions([each for each in (pace, notifier, *companions) if each is not None])
+        stack.callback(along.close)
 
         def told(settled: Settled) -> None:
-            companions.settled(settled)
+            along.settled(settled)
             if on_settled is not None:
                 on_settled(settled)
 
@@ -181,7 +184,7 @@ def run_campaign(
             room=room_of(campaign.store.path, store.about.grid, len(store), campaign.store.reserve_mb).shortage,
             commit_every_s=campaign.schedule.video.commit_every_s if campaign.schedule.video is not None else 0.0,
             rules=_slot_rules(campaign),
-            asides=companions.asides,
+            asides=along.asides,
         )
         return loop.run(max_scans)
 

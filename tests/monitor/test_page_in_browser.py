@@ -1,4 +1,4 @@
-"""The status page as a browser shows it: on a telephone and a desk, light and dark, without WebGL, script or network."""
+"""The status page in a browser: on a telephone and a desk, light and dark, without WebGL or network."""
 
 from __future__ import annotations
 
@@ -96,6 +96,6 @@ def test_the_review_opens_at_one_click(browser: Browser, link: str) -> None:
     page = browser.new_page()
     page.goto(f"{link}site/tray-3")
     page.click("button")
-    page.wait_for_url("**/?url=rerun*", timeout=90_000)
+    page.wait_for_url(lambda url: "?url=rerun" in url, timeout=90_000, wait_until="commit")
     assert page.url.startswith("http://127.0.0.1:")
     page.close()
