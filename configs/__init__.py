@@ -6,6 +6,7 @@ from .errors import CaptureError, ConfigError, DeviceUnavailable, InputError, Mi
 
 if TYPE_CHECKING:
     from .campaign import Alarm, CalibrationSource, Campaign, RigSettings, Site
+    from .exposure import AutoExposure
     from .load import CampaignFile, did_you_mean, load_campaign, parse_campaign, read_campaign
     from .notify import Condition, Notify
     from .places import Document, Route, read_yaml
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Adaptive",
     "Alarm",
+    "AutoExposure",
     "CalibrationSource",
     "Campaign",
     "CampaignFile",
@@ -43,6 +45,7 @@ __all__ = [
 
 _LATER = {
     "campaign": ("Alarm", "CalibrationSource", "Campaign", "RigSettings", "Site"),
+    "exposure": ("AutoExposure",),
     "load": ("CampaignFile", "did_you_mean", "load_campaign", "parse_campaign", "read_campaign"),
     "notify": ("Condition", "Notify"),
     "places": ("Document", "Route", "read_yaml"),

@@ -23,6 +23,7 @@ from pydantic import (
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError
 
+from .exposure import AutoExposure
 from .fields import FolderPath, Number, Polygon, Positive, Text, Zone, from_folder
 from .fields import Settings as _Settings
 from .fields import at as _at
@@ -254,6 +255,9 @@ class Campaign(_Settings):
     metrics: tuple[Text, ...] = Field(default=("net_volume",), description="What is followed through time.")
     alarms: tuple[Alarm, ...] = ()
     retain: Retain = Retain()
+    exposure: AutoExposure | None = Field(
+        default=None, description="Let the exposure follow the light between these bounds; without it it is the rig's."
+    )
     notify: Notifies = Field(default=(), description="Who is told of alarms, missing data, a lost device, a full disk.")
 
     @model_validator(mode="after")

@@ -30,12 +30,13 @@ from . import __version__
 from .adaptive import pace_of
 from .clock import Clock, RealClock
 from .companions import Companion, Companions
+from .health_log import HealthKeeper, HealthLog, health_file
 from .loop import Loop, Outcome, Settled
 from .notify import notifier_of
 from .resume import resume_slots
 from .rigs import BOARD, Rig, calibration_captures, make_rig, rig_options
 from .scheduler import grace_of
-from .slot_rules import SlotRules
+from .slot_rules import slot_rules_of
 from .visit import Epoch, Mask, Recipe, Yield, visit
 from .warm_up import warm_up
 
@@ -156,7 +157,8 @@ def run_campaign(
             stack.callback(rig.close)
         pace = pace_of(campaign, store)
         notifier = notifier_of(campaign, store, clock.now)
-        along = Companions([each for each in (pace, notifier, *companions) if each is not None])
+        keeper = HealthKeeper(rig, HealthLog(health_file(campaign)), campaign.exposure)
+        along = Companions([each for each in (pace, notifier, keeper, *companions) if each is not None])
         stack.callback(along.close)
 
         def told(settled: Settled) -> None:
@@ -169,7 +171,7 @@ def run_campaign(
             slots,
             lambda slot: grace_of(campaign, slots, slot),
             recipe,
-            rig,
+            keeper,
             store,
             ledger,
             clock,
@@ -177,13 +179,13 @@ def run_campaign(
             told,
             on_wait or (lambda slot: None),
             stop or Flag(),
-            work=work,
+            work=keeper.timed(work),
             told=_provenance(campaign, patterns, store),
             notes=not now,
             rig_is_open=True,
             room=room_of(campaign.store.path, store.about.grid, len(store), campaign.store.reserve_mb).shortage,
             commit_every_s=campaign.schedule.video.commit_every_s if campaign.schedule.video is not None else 0.0,
-            rules=_slot_rules(campaign),
+            rules=slot_rules_of(campaign),
             asides=along.asides,
         )
         return loop.run(max_scans)
@@ -303,12 +305,6 @@ def _hurried(campaign: Campaign) -> bool:
     return campaign.schedule.video is not None or (every is not None and every.total_seconds() < UNHURRIED_S)
 
 
-def _slot_rules(campaign: Campaign) -> SlotRules:
-    schedule = campaign.schedule
-    overrun_s = schedule.overrun.total_seconds() if schedule.overrun is not None else None
-    return SlotRules(schedule.catch_up, schedule.overlap, overrun_s)
-
-
 def _warm_up(
     rig: Rig,
     campaign: Campaign,
@@ -318,11 +314,8 @@ def _warm_up(
     tell: Callable[[str], None],
 ) -> None:
     """Warm up; a recording begins without, rather than not at all."""
-    from pipelines.change import METRICS
-
-    units = {name: METRICS[name].unit for name in campaign.metrics}
     try:
-        warm_up(rig, recipe, units, campaign.store.kind, at, work)
+        warm_up(rig, recipe, _units(campaign), campaign.store.kind, at, work)
     except Exception as error:  # noqa: BLE001 - what fails here fails in the visits too, and is recorded there
         tell(f"not warmed up, the first scans may be late: {type(error).__name__}: {error}")
 

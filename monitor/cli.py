@@ -36,6 +36,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "video": ("video:video", "Record continuous 3D video."),
     "status": ("status:status", "Say how a campaign stands: last, next, missed, alarms."),
     "serve": ("serve:serve", "Show how campaigns stand on a page for browsers, and to Prometheus."),
+    "health": ("health:health", "Say how a campaign's rig is: timings, light, how its lamp ages."),
     "service": ("service:service", "Print a unit file of systemd that runs a campaign."),
     "verify": ("verify:verify", "Read every chunk of a store and check every invariant."),
     "store": ("store:store", "Take care of a store: gc, expire, compact, stat, copy."),
