@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from .alarm import Alarm
     from .campaign import CalibrationSource, Campaign, RigSettings, Site
     from .environment import Environment
+    from .exposure import AutoExposure
     from .load import CampaignFile, did_you_mean, load_campaign, parse_campaign, read_campaign
     from .notify import Condition, Notify
     from .places import Document, Route, read_yaml
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Adaptive",
     "Alarm",
+    "AutoExposure",
     "CalibrationSource",
     "Campaign",
     "CampaignFile",
@@ -48,6 +50,7 @@ _LATER = {
     "alarm": ("Alarm",),
     "campaign": ("CalibrationSource", "Campaign", "RigSettings", "Site"),
     "environment": ("Environment",),
+    "exposure": ("AutoExposure",),
     "load": ("CampaignFile", "did_you_mean", "load_campaign", "parse_campaign", "read_campaign"),
     "notify": ("Condition", "Notify"),
     "places": ("Document", "Route", "read_yaml"),

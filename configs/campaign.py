@@ -25,6 +25,7 @@ from pydantic_core import CoreSchema, PydanticCustomError
 
 from .alarm import Alarm
 from .environment import Environment
+from .exposure import AutoExposure
 from .notify import Notifies
 from .schedule import Schedule
 from .settings import FolderPath, Polygon, Positive, Settings, Text, Zone, at_key, from_folder
@@ -234,6 +235,9 @@ class Campaign(Settings):
         default=None, description="Temperature and humidity: kept with each scan, and regressed out of the trends."
     )
     retain: Retain = Retain()
+    exposure: AutoExposure | None = Field(
+        default=None, description="Let the exposure follow the light between these bounds; without it it is the rig's."
+    )
     notify: Notifies = Field(default=(), description="Who is told of alarms, missing data, a lost device, a full disk.")
 
     @model_validator(mode="after")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from datetime import timedelta
@@ -31,14 +31,15 @@ from storage import (
 from . import __version__
 from .adaptive import pace_of
 from .clock import Clock, RealClock
-from .companions import Companions
+from .companions import Companion, Companions
 from .environment import Reading, make_sensor, units_of
+from .health_log import HealthKeeper, HealthLog, health_file
 from .loop import Loop, Outcome, Settled
 from .notify import notifier_of
 from .resume import resume_slots
 from .rigs import BOARD, Rig, calibration_captures, make_rig, rig_options
 from .scheduler import grace_of
-from .slot_rules import SlotRules
+from .slot_rules import slot_rules_of
 from .visit import Epoch, Mask, Recipe, Yield, visit
 from .warm_up import warm_up
 
@@ -74,6 +75,7 @@ def run_campaign(
     stop: Flag | None = None,
     text: str = "",
     now: bool = False,
+    companions: Sequence[Companion] = (),
     work: Callable[[Frames, Recipe, Epoch | None, Instant], Yield] = visit,
 ) -> Outcome:
     """Run a campaign until its schedule is over, or something stops it.
@@ -103,6 +105,8 @@ def run_campaign(
         The campaign file's text, kept in the store.
     now : bool
         One visit at once, whatever the schedule says (`microrelief scan`).
+    companions : sequence of Companion
+        Who else is told of each slot, and may say what is to be noted in the store.
     work : callable
         What makes a tick of a capture.
 
@@ -156,11 +160,12 @@ def run_campaign(
             stack.callback(rig.close)
         pace = pace_of(campaign, store)
         notifier = notifier_of(campaign, store, clock.now)
-        companions = Companions([each for each in (pace, notifier) if each is not None])
-        stack.callback(companions.close)
+        keeper = HealthKeeper(rig, HealthLog(health_file(campaign)), campaign.exposure)
+        along = Companions([each for each in (pace, notifier, keeper, *companions) if each is not None])
+        stack.callback(along.close)
 
         def told(settled: Settled) -> None:
-            companions.settled(settled)
+            along.settled(settled)
             if on_settled is not None:
                 on_settled(settled)
 
@@ -174,7 +179,7 @@ def run_campaign(
             slots,
             lambda slot: grace_of(campaign, slots, slot),
             recipe,
-            rig,
+            keeper,
             store,
             ledger,
             clock,
@@ -182,7 +187,7 @@ def run_campaign(
             told,
             on_wait or (lambda slot: None),
             stop or Flag(),
-            work=work,
+            work=keeper.timed(work),
             told=_provenance(campaign, patterns, store),
             notes=not now,
             rig_is_open=True,
@@ -190,8 +195,8 @@ def run_campaign(
             reading=Reading(environment, sensor) if environment is not None and sensor is not None else None,
             inbox=Inbox(campaign.store.path, campaign.store.beside),
             commit_every_s=campaign.schedule.video.commit_every_s if campaign.schedule.video is not None else 0.0,
-            rules=_slot_rules(campaign),
-            asides=companions.asides,
+            rules=slot_rules_of(campaign),
+            asides=along.asides,
         )
         return loop.run(max_scans)
 
@@ -310,12 +315,6 @@ def _hurried(campaign: Campaign) -> bool:
     return campaign.schedule.video is not None or (every is not None and every.total_seconds() < UNHURRIED_S)
 
 
-def _slot_rules(campaign: Campaign) -> SlotRules:
-    schedule = campaign.schedule
-    overrun_s = schedule.overrun.total_seconds() if schedule.overrun is not None else None
-    return SlotRules(schedule.catch_up, schedule.overlap, overrun_s)
-
-
 def _warm_up(
     rig: Rig,
     campaign: Campaign,
@@ -325,11 +324,8 @@ def _warm_up(
     tell: Callable[[str], None],
 ) -> None:
     """Warm up; a recording begins without, rather than not at all."""
-    from pipelines.change import METRICS
-
-    units = {name: METRICS[name].unit for name in campaign.metrics}
     try:
-        warm_up(rig, recipe, units, campaign.store.kind, at, work)
+        warm_up(rig, recipe, _units(campaign), campaign.store.kind, at, work)
     except Exception as error:  # noqa: BLE001 - what fails here fails in the visits too, and is recorded there
         tell(f"not warmed up, the first scans may be late: {type(error).__name__}: {error}")
 

@@ -9,12 +9,13 @@ from typing import Literal
 
 import numpy as np
 
+from configs import Campaign
 from pipelines import Instant
 
 from .clock import seconds_between
 from .scheduler import Slots, last_slot, slots_between
 
-__all__ = ["ASLEEP", "MOST_LISTED", "NOT_RUNNING", "RUNNING", "Answer", "Gap", "SlotRules", "answer"]
+__all__ = ["ASLEEP", "MOST_LISTED", "NOT_RUNNING", "RUNNING", "Answer", "Gap", "SlotRules", "answer", "slot_rules_of"]
 
 RUNNING = "previous scan still running"
 NOT_RUNNING = "microrelief was not running"
@@ -111,3 +112,10 @@ def answer(
         end = (last_slot(slots, due[-2], newest - NANOSECOND) or due[-2]) if take else newest
         gaps[-1] = Gap(gaps[-1].cause, gaps[-1].slots, end, more=True)
     return Answer(newest if take else None, tuple(gaps))
+
+
+def slot_rules_of(campaign: Campaign) -> SlotRules:
+    """Give a campaign's rules."""
+    schedule = campaign.schedule
+    overrun_s = schedule.overrun.total_seconds() if schedule.overrun is not None else None
+    return SlotRules(schedule.catch_up, schedule.overlap, overrun_s)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 
 from configs import Campaign, CampaignFile, InputError
@@ -10,15 +11,24 @@ from ..campaign import run_campaign
 from ..check import load_checked
 from ..clock import RealClock
 from ..forecast import forecast_lines
-from ..log import set_up_log
+from ..log import LogFormat, set_up_log
 from ..loop import Settled
 from ..stopping import graceful_stop
 from ..teller import Teller
+from ..watchdog import Watchdog
 
 __all__ = ["follow", "run", "scan"]
 
 
-def run(campaign: Path, *, dry_run: bool = False, max_scans: int | None = None) -> int:
+def run(
+    campaign: Path,
+    *,
+    dry_run: bool = False,
+    max_scans: int | None = None,
+    status_port: int | None = None,
+    log_format: LogFormat = "text",
+    log_file: Path | None = None,
+) -> int:
     """Monitor on a schedule; go on where an earlier run ended.
 
     Prints ``committed scan N TIME`` once a scan is durable. A visit that fails is recorded, and the campaign goes on.
@@ -33,11 +43,17 @@ def run(campaign: Path, *, dry_run: bool = False, max_scans: int | None = None) 
         Check everything that needs no rig, show the coming visits and the disk they take, and scan nothing.
     max_scans
         Stop after so many visits.
+    status_port
+        Show on a page how it stands, on this port of this machine; see `microrelief serve`.
+    log_format
+        Of the log on standard error: text, or json.
+    log_file
+        Write the log to this file too, as JSON lines; begun anew at 5 MB, the last five are kept.
 
     Examples
     --------
     microrelief run soil.yaml --dry-run
-    microrelief run soil.yaml
+    microrelief run soil.yaml --status-port 8123
     """
     if max_scans is not None and max_scans < 1:
         raise InputError(f"--max-scans must be at least 1, not {max_scans}")
@@ -46,7 +62,15 @@ def run(campaign: Path, *, dry_run: bool = False, max_scans: int | None = None) 
         for line in forecast_lines(file.campaign, RealClock().now()):
             print(line)
         return 0
-    return follow(file, file.campaign, max_scans=max_scans, with_lag=file.campaign.schedule.video is not None)
+    with ExitStack() as stack:
+        if status_port is not None:
+            from ..page import PageServer, SiteSource
+
+            source = SiteSource(file.campaign.store.path, file.campaign)
+            server = stack.enter_context(PageServer([source], port=status_port))
+            print(f"status at {server.link}", flush=True)
+        set_up_log(form=log_format, file=log_file)
+        return follow(file, file.campaign, max_scans=max_scans, with_lag=file.campaign.schedule.video is not None)
 
 
 def scan(campaign: Path) -> int:
@@ -83,11 +107,12 @@ def scan(campaign: Path) -> int:
 
 def follow(file: CampaignFile, campaign: Campaign, *, max_scans: int | None = None, with_lag: bool = False) -> int:
     """Run a campaign in real time, saying what happens; give the exit code."""
-    set_up_log()
+    watchdog = Watchdog()
     with graceful_stop() as stop, Teller(with_lag=with_lag) as teller:
         outcome = run_campaign(
             campaign,
-            clock=RealClock(),
+            clock=RealClock(nap=watchdog.alive),
+            companions=[watchdog],
             on_settled=teller.settled,
             on_wait=teller.wait,
             on_stage=teller.stage,

@@ -10,6 +10,7 @@ from cyclopts import Parameter
 from configs import InputError, parse_duration
 
 from ..check import load_checked
+from ..log import set_up_log
 from .run import follow
 
 __all__ = ["video"]
@@ -45,4 +46,5 @@ def video(campaign: Path, *, for_: Annotated[str | None, Parameter(name="--for")
         recording = settings.schedule.video.model_copy(update={"for_": length})
         schedule = settings.schedule.model_copy(update={"video": recording})
         settings = settings.model_copy(update={"schedule": schedule})
+    set_up_log()
     return follow(file, settings, with_lag=True)

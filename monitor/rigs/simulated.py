@@ -159,6 +159,10 @@ class SimulatedRig:
         lies = small_motion(tilt_deg, shift_mm)
         return Frames(self._frames(patterns, 0.0, lies, chance), at, patterns, self._exposure_ms)
 
+    def set_exposure(self, exposure_ms: float) -> None:
+        """Expose the next captures so long."""
+        self._exposure_ms = exposure_ms
+
     def close(self) -> None:
         """Let go of the arrays; the rig may be opened again."""
         self._stage = None
