@@ -80,23 +80,18 @@ class Alarm(Settings):
                 first, last = getattr(self, warn), getattr(self, alarm)
                 if first is not None and last is not None and (first > last if side == "above" else first < last):
                     raise at_key((warn,), f"must not be {wrong} {alarm}, {last:g}")
-        for name, needed in (
-            ("within_days", LIMITS),
-            ("clear_by", LIMITS),
-            ("confirm", LIMITS),
-            ("window_days", (*RATES, "within_days")),
-            ("chart_model", ("chart",)),
-            ("false_alarm_every_scans", ("chart",)),
+        for name, needed, told in (
+            ("within_days", LIMITS, "a limit such as alarm_above"),
+            ("clear_by", LIMITS, "a limit such as alarm_above"),
+            ("confirm", LIMITS, "a limit such as alarm_above"),
+            ("window_days", (*RATES, "within_days"), "a limit such as alarm_rate_above_per_day or within_days"),
+            ("chart_model", ("chart",), "chart"),
+            ("false_alarm_every_scans", ("chart",), "chart"),
         ):
             if name in self.model_fields_set and all(getattr(self, other) is None for other in needed):
-                raise at_key((name,), f"has no meaning without {' or '.join(_short(needed))}")
+                raise at_key((name,), f"has no meaning without {told}")
         if self.confirm[0] > self.confirm[1]:
             raise at_key(
                 ("confirm",), f"is [m, n] with m of the newest n values: {self.confirm[0]} of {self.confirm[1]}?"
             )
         return self
-
-
-def _short(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Name a few of many."""
-    return names if len(names) < 3 else (f"a limit such as {names[1]}", *(name for name in names[4:] if name[0] == "w"))

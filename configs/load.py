@@ -147,6 +147,8 @@ def _words(kind: str, message: str, given: Any, context: dict[str, Any]) -> str:
             return f"must be a path, not {shown}"
         case "greater_than":
             return f"must be more than {context['gt']:g}, not {shown}"
+        case "greater_than_equal":
+            return f"must be at least {context['ge']:g}, not {shown}"
         case "less_than_equal":
             return f"must be at most {context['le']:g}, not {shown}"
         case "literal_error":

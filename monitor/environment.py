@@ -11,6 +11,7 @@ import time
 import urllib.request
 from bisect import bisect_left
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 from urllib.parse import urlsplit
@@ -18,7 +19,7 @@ from urllib.parse import urlsplit
 import numpy as np
 
 from configs import Environment, InputError
-from pipelines import ENVIRONMENT, Event, Instant, Measurement, Scan, parse_instant
+from pipelines import ENVIRONMENT, Event, Instant, Measurement, Scan, Tick, parse_instant
 
 __all__ = ["SOURCES", "Reading", "Sensor", "make_sensor", "source_of", "units_of"]
 
@@ -84,6 +85,13 @@ class Reading:
             events = (Event(scan.time, "note", trouble or "environment is read again"),)
         self._trouble = trouble
         return measured(self._settings, values), events
+
+    def beside(self, tick: Tick) -> Tick:
+        """Give a tick with the quantities at its scan; one without a scan as it is."""
+        if tick.scan is None:
+            return tick
+        quantities, events = self.at(tick.scan)
+        return replace(tick, metrics={**tick.metrics, **quantities}, events=(*tick.events, *events))
 
 
 class LoggerFile:

@@ -353,13 +353,9 @@ class Loop:
         if epoch is None and tick.scan is not None and before:  # there was no data before the first scan
             changes = told(self.recipe.alarms, before, self._watches, tick.scan.time)
             tick = replace(tick, events=(*tick.events, *(change.event for change in changes)))
-        return self._with_environment(tick), result.state, result.cause
-
-    def _with_environment(self, tick: Tick) -> Tick:
-        if self.reading is None or tick.scan is None:
-            return tick
-        quantities, events = self.reading.at(tick.scan)
-        return replace(tick, metrics={**tick.metrics, **quantities}, events=(*tick.events, *events))
+        if self.reading is not None:
+            tick = self.reading.beside(tick)
+        return tick, result.state, result.cause
 
     def _surprise(self, planned: Instant, began: Instant, error: Exception) -> tuple[Tick, State, str]:
         _log.error("unexpected error", planned=format_instant(planned), traceback=traceback.format_exc())

@@ -13,12 +13,13 @@ from zoneinfo import ZoneInfo
 import numpy as np
 from cyclopts import Parameter
 
-from configs import InputError, did_you_mean, parse_duration
+from configs import Campaign, InputError, did_you_mean, parse_duration
 from pipelines import Event, Grid, Instant, Scan, format_instant, instant, parse_instant
 from storage import Store, create_store, open_store, read_raster, scan_of, store_exists
 
 from .. import __version__
 from ..alarms import Watches, resumed
+from ..environment import Reading, make_sensor
 from ..reprocess import Rules, campaign_of, rules_of
 from ..visit import compare_with, judged
 
@@ -106,8 +107,9 @@ def ingest(
         with closing(opened):
             rules = rules_of(campaign, opened)
             watches: Watches = resumed(rules.alarms, opened)
+            reading = _reading(campaign, opened)
             for file, scan in scans:
-                told, watches = _kept(opened, file, scan, rules, watches)
+                told, watches = _kept(opened, file, scan, rules, watches, reading)
                 print(told, flush=True)
     finally:
         if opened is not None:
@@ -204,13 +206,25 @@ def _create(path: str, first: Scan, names: Sequence[str]) -> Store:
     )
 
 
-def _kept(store: Store, file: Path, scan: Scan, rules: Rules, watches: Watches) -> tuple[str, Watches]:
+def _reading(campaign: Campaign | None, store: Store) -> Reading | None:
+    """Give the logger's file of the campaign, which knows the past; an address or a broker knows only the present."""
+    environment = campaign.environment if campaign is not None else None
+    if campaign is None or environment is None or environment.csv is None:
+        return None
+    if not set(environment.fields) <= set(store.about.metrics):
+        return None
+    return Reading(environment, make_sensor(environment, campaign.site.zone))
+
+
+def _kept(
+    store: Store, file: Path, scan: Scan, rules: Rules, watches: Watches, reading: Reading | None
+) -> tuple[str, Watches]:
     """Work a scan out as a visit does, and keep it; say so, and what the alarms remember."""
     last = store[-1] if len(store) else None
     baseline = store[last.baseline].scan if last is not None else None
     notes = (Event(scan.time, "note", f"imported from {file.name}"),)
     finding = compare_with(baseline, scan, rules.stable, rules.region, rules.metrics, rules.noise)
     result = judged(finding, rules.alarms, watches, scan.time, notes)
-    number = store.append(result.tick)
+    number = store.append(reading.beside(result.tick) if reading is not None else result.tick)
     rejected = f", not compared: {result.cause}" if result.cause else ""
     return f"committed scan {number} {format_instant(scan.time)} from {file}{rejected}", result.watches

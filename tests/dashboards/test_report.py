@@ -84,8 +84,8 @@ def test_the_page_asks_for_nothing_outside_itself(drying: DryingStore, tmp_path:
 
 def test_every_drawing_says_what_it_shows(drying: DryingStore, tmp_path: Path) -> None:
     page = page_of(drying, tmp_path)
-    # six trends, two height maps, four change maps
-    assert len(page.images) == 6 + 2 + 4
+    # six trends, two height maps, four change maps, one of rates
+    assert len(page.images) == 6 + 2 + 4 + 1
     assert all(len(image["aria-label"] or "") > 20 for image in page.images)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from configs import StoreError
 from dashboards import record_review
 from dashboards.metric_names import trend_groups
+from pipelines import Acknowledgement, AlarmChange
 
 from .drying import UNITS, DryingStore, drying_store
 from .take_screenshot import Looker, looker, missing_libraries
@@ -30,6 +32,29 @@ def test_every_scan_metric_state_and_event_is_recorded(recording: Path) -> None:
     kept = RrdReader(recording).store().schema().entity_paths()
     assert {"/surface/mesh", "/maps/height", "/maps/change", "/camera", "/log", "/visits", "/registration"} <= set(kept)
     assert {f"/trends/{name}" for name in UNITS} | {"/alarm/crack_opening"} <= set(kept)
+
+
+def test_the_lane_of_an_alarm_shows_silence_and_who_has_seen_it(tmp_path: Path) -> None:
+    from rerun.chunk import RrdReader
+
+    crust = drying_store(4, 20)
+    last, hour = crust.scans[-1].scan.time, np.timedelta64(1, "h")
+    silence = AlarmChange(last + hour, "crack opening", "alarm", "no data")
+    seen = Acknowledgement(last + 2 * hour, "crack opening", "Ann")
+    record_review(replace(crust, events=(*crust.events, silence.event, seen.event)), tmp_path / "r.rrd")
+    lane: dict[object, str] = {}
+    for chunk in RrdReader(tmp_path / "r.rrd").store().stream():
+        columns = chunk.to_record_batch().to_pydict()
+        if str(chunk.entity_path) == "/alarm/crack_opening" and "StateChange:state" in columns:
+            states = [state for (state,) in columns["StateChange:state"]]
+            lane |= dict(zip(columns["time"], states, strict=True))
+    assert [state for _, state in sorted(lane.items(), key=lambda each: str(each[0]))] == [
+        "ok",
+        "warning",
+        "alarm",
+        "no data",
+        "acknowledged",
+    ]
 
 
 def test_an_empty_store_is_refused_with_one_line(empty: DryingStore, tmp_path: Path) -> None:

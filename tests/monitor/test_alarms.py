@@ -38,6 +38,7 @@ alarms:
   - {name: mound, metric: net_volume, unit: mm3, warn_above: 0.8, alarm_above: 1.6, confirm: [2, 3], clear_by: 0.4}
   - {name: fast, metric: net_volume, warn_rate_above_per_day: 0.2, window_days: 2, within_days: 2, alarm_above: 9}
   - {name: changed, metric: net_volume, chart: cusum, false_alarm_every_scans: 20, no_data_after_slots: 1}
+environment: {csv: air.csv, temperature_c: t}
 """
 VOLUMES = (0, 0.1, 0.0, 0.1, 0.05, 0.9, 1.0, 1.7, 1.8, 1.3, 1.0, 0.1, 0.1)
 Capture = pytest.CaptureFixture[str]
@@ -64,10 +65,11 @@ def test_the_same_verdict_in_one_go_scan_by_scan_and_processed_again(tmp_path: P
     files = [str(tmp_path / f"{number:02}.npz") for number in range(len(VOLUMES))]
     for number, file in enumerate(files):
         write_height_map(ground(number), file)
+    lines = [f"{str(after(6 * HOUR * number))[:19]}Z,{10 + number}" for number in range(len(VOLUMES))]
+    (tmp_path / "air.csv").write_text("\n".join(["time,t", *lines]) + "\n")
+    units = {"net_volume": "mm3", "temperature": "degree_Celsius"}
     for name in ("once", "piecewise"):
-        create_store(
-            tmp_path / name, site="ground", grid=GRID, campaign=CAMPAIGN, metrics={"net_volume": "mm3"}
-        ).close()
+        create_store(tmp_path / name, site="ground", grid=GRID, campaign=CAMPAIGN, metrics=units).close()
     assert run_tokens(["ingest", str(tmp_path / "once"), *files]) == 0
     states, events = verdicts(tmp_path / "once")
     assert [each["mound"] for each in states] == [
@@ -90,6 +92,8 @@ def test_the_same_verdict_in_one_go_scan_by_scan_and_processed_again(tmp_path: P
         assert again[0] == states
         # the heights that a store keeps are rounded to 0.5 um, and with them the last digit of a sigma
         assert sorted(text.split(" ±")[0] for text in again[1]) == sorted(text.split(" ±")[0] for text in events)
+        air = open_store(tmp_path / "piecewise").series()["temperature"]
+        assert list(air) == [10 + number for number in range(len(VOLUMES))], "no pipeline makes it anew"
     assert run_tokens(["status", str(tmp_path / "once")]) == 0
     rule = next(each for each in gather(open_store(tmp_path / "once")).limits if each.name == "mound")
     assert "2 of 3 values must be beyond a limit" in rule.rules
