@@ -132,9 +132,9 @@ def growth(
 ) -> dict[str, tuple[float, float]]:
     """Compare what a small store costs with `few` scans and with `many`: to append, to open it and read the last scan.
 
-    Medians of processor ms and of wall ms, and the kB that five commits write; both stores are asked in turn, so that
-    the machine's mood is the same. And the most memory that was taken, MB, with 500 scans and with `many`. `tell` hears
-    how far the filling is.
+    Medians of processor ms and of wall ms; both stores are asked in turn, so that the machine's mood is the same. The
+    kB of a commit, the mean of as many as fill a manifest, which grows with each. And the most memory that was taken,
+    MB, with 500 scans and with `many`. `tell` hears how far the filling is, and what was found.
     """
     grid = Grid(20, 30, 0.05)
     rng = np.random.default_rng(1)
@@ -168,18 +168,26 @@ def growth(
                     each = f"{processor_ms:5.1f} ms of processor and {wall_ms:5.1f} ms of wall each"
                     tell(f"{counts[count]:>6} scans: {each}, {memory[-1]:.0f} MB of memory at most")
                     began, processor = perf_counter(), process_time()
-        sizes = {count: size_of(folder / str(count)) for count in counts}
-        for number in range(rounds):
+        for _ in range(rounds):
             for count in counts:
-                if number == 5:
-                    sizes[count] = size_of(folder / str(count)) - sizes[count]
                 cost("append", count, lambda count=count: append(count))  # type: ignore[misc]  # bound now
                 cost("open and read the last scan", count, lambda count=count: open_store(folder / str(count))[-1])  # type: ignore[misc]  # bound now
-        for store in stores.values():
-            store.close()
-    medians = {what: (median(costs[few]), median(costs[many])) for what, costs in found.items()}
-    sizes_kb = {"five commits, kB": (sizes[few] / 1e3, sizes[many] / 1e3)}
-    return {**medians, **sizes_kb, **({"memory, MB": (memory[0], memory[-1])} if memory else {})}
+        written = {}
+        for count in counts:
+            before = size_of(folder / str(count))
+            for _ in range(FOLD):
+                append(count)
+            written[count] = (size_of(folder / str(count)) - before) / FOLD / 1e3
+            stores[count].close()
+        medians = {what: (median(costs[few]), median(costs[many])) for what, costs in found.items()}
+        results = {
+            **medians,
+            "a commit, kB": (written[few], written[many]),
+            **({"memory, MB": (memory[0], memory[-1])} if memory else {}),
+        }
+        for what, (few_cost, many_cost) in results.items():  # now: to remove so many files takes minutes
+            tell(f"{what}: {few_cost:.1f} with {few} scans, {many_cost:.1f} with {many}")
+    return results
 
 
 def history_cost(scans: int = 1000) -> tuple[float, float]:
@@ -240,8 +248,7 @@ def main() -> None:
         seconds, size = around(costs, number)
         print(f"  200 x 200  commit at scan {number:>3}: {seconds * 1e3:4.0f} ms, {size / 1e3:4.0f} kB")
     print("floor: the same cells, packed alike, in one npz, synced")
-    for what, (few, many) in growth(WARM, 3 * LATE).items():
-        print(f"  20 x 30   {what}: {few:.1f} with {WARM} scans, {many:.1f} with {3 * LATE}")
+    growth(WARM, 3 * LATE, tell=lambda line: print(f"  20 x 30   {line}"))
     took, floor = history_cost()
     print(
         f"  1440 x 2560  history of 8x8 cells over 1,000 scans: {took * 1e3:.0f} ms; "
