@@ -16,6 +16,8 @@ from .metrics import METRICS, measure
 from .motion import Motion, Verdict
 from .move import apply_motion
 from .objects import Expected, ObjectRule, StandingObject, find_objects
+from .plate_identity import NamedPlates, PlateMemory, name_plates
+from .plates import Plate, find_plates, rim_slope
 from .regions import polygon_mask
 from .register import register
 from .substrate import Substrate, bare_substrate, update_substrate
@@ -42,7 +44,10 @@ __all__ = [
     "Measurement",
     "Metric",
     "Motion",
+    "NamedPlates",
     "ObjectRule",
+    "Plate",
+    "PlateMemory",
     "Sighting",
     "Sightings",
     "StandingObject",
@@ -59,13 +64,16 @@ __all__ = [
     "edge_lift",
     "find_deposits",
     "find_objects",
+    "find_plates",
     "follow_cracks",
     "follow_objects",
     "m3c2",
     "measure",
+    "name_plates",
     "next_cracks",
     "polygon_mask",
     "register",
+    "rim_slope",
     "update_substrate",
     "volumes",
 ]
