@@ -21,6 +21,7 @@ from pipelines.change import (
     rim_slope,
 )
 from pipelines.change.curl import crack_distance
+from tests.pipelines.change.draw_curl import PICTURE, drawing
 from tests.pipelines.change.scans import bumps, soil_scan
 
 PITCH = 0.02
@@ -224,3 +225,7 @@ def test_names_of_plates_that_shrink_break_and_join() -> None:
     blind = name_plates(labels(), fourth.memory)
     assert not blind.identity
     assert dict(name_plates(labels((0, 58, 0, 55)), blind.memory).identity) == {1: 1}
+
+
+def test_the_drawing_of_the_docs_is_of_these_definitions() -> None:
+    assert PICTURE.read_text(encoding="utf-8") == drawing()
