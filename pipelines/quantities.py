@@ -10,7 +10,17 @@ __all__ = ["MINUS", "NOT_MEASURED_TEXT", "plain", "unit_text", "with_uncertainty
 
 NOT_MEASURED_TEXT = "not measured"
 
-_UNITS = {"mm3": "mm³", "mm2": "mm²", "um": "µm", "um2": "µm²", "um3": "µm³", "1": "", "degree": "°", "percent": "%"}
+_UNITS = {
+    "mm3": "mm³",
+    "mm2": "mm²",
+    "mm-1": "mm⁻¹",
+    "um": "µm",
+    "um2": "µm²",
+    "um3": "µm³",
+    "1": "",
+    "degree": "°",
+    "percent": "%",
+}
 MINUS = "\N{MINUS SIGN}"
 
 

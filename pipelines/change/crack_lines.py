@@ -35,7 +35,7 @@ class CrackLines:
         Further from the nearest junction or free end than 1.5 times half the width there, and 2.5 times from where
         the line leaves the field: a width across the line has a meaning.
     off_junction : ndarray of bool, shape (n,)
-        The same without free ends.
+        Of these, what is said of junctions alone.
     free_ends : int
         Ends inside the field, whose place is uncertain by about half a width.
     end_width : float
@@ -211,8 +211,7 @@ def _smoothed(
         for is_end, cell, gone in ((ends[0], segment[0], along), (ends[1], segment[-1], along[-1] - along)):
             if is_end and _at_border(cell, shape):
                 # the mask goes on straight beyond the border, as a crack that leaves at a slant does not
-                near = gone <= 2.5 * distance[cell] + 1
-                far, off = far & ~near, off & ~near
+                far &= gone > 2.5 * distance[cell] + 1
             elif is_end:
                 near = gone <= 1.5 * distance[cell] + 1
                 far &= ~near

@@ -23,6 +23,9 @@ TELLS_TILT = 0.1
 """Share of the plate's extent that cells of one distance must span in a direction before tilt that way is told from
 curl; a plate with one straight edge says nothing of tilt across it."""
 
+ENOUGH_CELLS = 20_000
+"""Tilt and spread are those of some so many cells of a larger plate."""
+
 
 @dataclass(frozen=True, slots=True)
 class Plate:
@@ -153,10 +156,11 @@ def _measured(
     edge = known & rim
     if edge.sum() < LEAST_CELLS or interior.sum() < LEAST_CELLS:
         return None
-    tilt, told = _tilt(x[known], y[known], dz[known], d[known], grid.pitch_mm)
+    some = np.flatnonzero(known)[:: max(1, int(known.sum()) // ENOUGH_CELLS) | 1]
+    tilt, told = _tilt(x[some], y[some], dz[some], d[some], grid.pitch_mm)
     dz = dz - tilt[0] * (x - x.mean()) - tilt[1] * (y - y.mean())
     lift = float(dz[edge].mean() - dz[interior].mean())
-    spread = _spread(dz[known], d[known], grid.pitch_mm)
+    spread = _spread(dz[some], d[some], grid.pitch_mm)
 
     # the crack's edge is known to a cell (uniform): what each number would be a cell further in
     def turned(shift: float) -> float:

@@ -91,7 +91,7 @@ def test_the_crack_widens_as_it_did(rendered: Rendered, shared_data: Path) -> No
         off = (profile - truth)[np.isfinite(profile)]
         rms, bias = float(np.sqrt(np.mean(off**2))), float(off.mean())
         print(f"{off.size} rows: {1000 * rms:.1f} um rms, {1000 * bias:+.1f} um in the mean")
-        assert off.size > 0.95 * profile.size
+        assert off.size > 0.9 * profile.size
         assert rms < 0.02  # a cell
         assert abs(bias) < 0.01
     change = profiles[1] - profiles[0]
