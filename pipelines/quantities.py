@@ -11,7 +11,7 @@ __all__ = ["MINUS", "NOT_MEASURED_TEXT", "plain", "unit_text", "with_uncertainty
 NOT_MEASURED_TEXT = "not measured"
 
 _UNITS = {
-    "mm3": "mm³", "mm2": "mm²", "um": "µm", "um2": "µm²", "um3": "µm³",
+    "mm3": "mm³", "mm2": "mm²", "mm-1": "mm⁻¹", "um": "µm", "um2": "µm²", "um3": "µm³",
     "1": "", "degree": "°", "percent": "%", "degree_Celsius": "°C",
 }  # fmt: skip
 MINUS = "\N{MINUS SIGN}"

@@ -38,6 +38,7 @@ def track(
     out: Path,
     least_height_mm: float = 0.05,
     least_area_mm2: float = 0.03,
+    capture_seconds: float | None = None,
 ) -> int:
     """Follow what moves on a surface, organisms on a substrate say: who is where, how fast, how large.
 
@@ -55,6 +56,9 @@ def track(
         What rises less above the substrate is no object.
     least_area_mm2
         Nor is what covers less.
+    capture_seconds
+        How long a capture takes: objects that moved by more than a cell meanwhile are flagged (`moved`). Left out:
+        frames times exposure, where the store keeps frames.
 
     Examples
     --------
@@ -64,6 +68,8 @@ def track(
 
     if not (least_height_mm > 0 and least_area_mm2 > 0):
         raise InputError("--least-height-mm and --least-area-mm2 must be above 0")
+    if capture_seconds is not None and not capture_seconds > 0:
+        raise InputError("--capture-seconds must be above 0")
     opened = open_store(store)
     try:
         if len(opened) < 2:
@@ -71,7 +77,9 @@ def track(
         with progress("learning the substrate") as step:
             bare = bare_substrate(_scans(opened, step))
         with progress("following objects") as step:
-            found = list(follow_objects(_scans(opened, step), bare, ObjectRule(least_height_mm, least_area_mm2)))
+            takes = capture_seconds if capture_seconds is not None else _capture_seconds(opened)
+            rule = ObjectRule(least_height_mm, least_area_mm2)
+            found = list(follow_objects(_scans(opened, step), bare, rule, capture_s=takes))
     finally:
         opened.close()
     table = _table(found)
@@ -79,8 +87,21 @@ def track(
     names = table["identity"].nunique()
     first, last = format_instant(found[0].time), format_instant(found[-1].time)
     print(f"{names} objects in {len(found)} scans, {first} to {last}")
+    if takes is None:
+        print("how long a capture takes is not known (--capture-seconds): nothing says what moved during one")
+    elif table["moved"].eq("yes").any():
+        moved = table.loc[table["moved"] == "yes", "identity"].nunique()
+        print(f"{moved} objects moved by more than a cell during a capture: do not trust their shapes then")
     print(f"wrote {out}: {len(table)} rows")
     return 0
+
+
+def _capture_seconds(store: Store) -> float | None:
+    """Frames times exposure of the newest capture that is kept: the least that it can have taken."""
+    frames = store.frames(len(store) - 1)
+    if frames is None or not frames.exposure_ms > 0:  # NaN where nobody told
+        return None
+    return len(frames.stack) * frames.exposure_ms / 1000
 
 
 def _scans(store: Store, step: Progress) -> Iterator[Scan]:
@@ -108,11 +129,12 @@ def _table(found: list[Sightings]) -> pd.DataFrame:
             "length": seen.object.length_mm,
             "width": seen.object.width_mm,
             "touches": " ".join(map(str, seen.touches)),
+            "moved": "" if seen.moved is None else ("yes" if seen.moved else "no"),
         }
         for sightings in found
         for seen in sightings.seen
     ]
     columns = ["time", "identity", "x", "y", "z", "speed", "area", "area_sigma", "volume", "volume_sigma"]
-    table = pd.DataFrame(rows, columns=[*columns, "height", "length", "width", "touches"]).set_index("time")
+    table = pd.DataFrame(rows, columns=[*columns, "height", "length", "width", "touches", "moved"]).set_index("time")
     table.attrs["units"] = UNITS
     return table

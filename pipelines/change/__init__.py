@@ -17,6 +17,8 @@ from .motion import Motion, Verdict
 from .move import apply_motion
 from .noise_model import NoiseCell, NoiseModel
 from .objects import Expected, ObjectRule, StandingObject, find_objects
+from .plate_identity import NamedPlates, PlateMemory, name_plates
+from .plates import Plate, find_plates, rim_slope
 from .regions import polygon_mask
 from .register import register
 from .repeatability import noise_model, repeat_pairs
@@ -50,7 +52,10 @@ __all__ = [
     "Motion",
     "NoiseCell",
     "NoiseModel",
+    "NamedPlates",
     "ObjectRule",
+    "Plate",
+    "PlateMemory",
     "Sighting",
     "Sightings",
     "StandingObject",
@@ -68,17 +73,20 @@ __all__ = [
     "filtered",
     "find_deposits",
     "find_objects",
+    "find_plates",
     "follow_cracks",
     "follow_objects",
     "largest_consensus",
     "m3c2",
     "measure",
+    "name_plates",
     "next_cracks",
     "noise_model",
     "polygon_mask",
     "register",
     "repeat_pairs",
     "roughness",
+    "rim_slope",
     "update_substrate",
     "volumes",
 ]

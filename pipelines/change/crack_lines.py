@@ -32,10 +32,10 @@ class CrackLines:
     half_width : ndarray of float64, shape (n,)
         Distance to the edge of the mask.
     inner : ndarray of bool, shape (n,)
-        Further from the nearest junction or free end than 1.5 times half the width there: a width across the
-        line has a meaning.
+        Further from the nearest junction or free end than 1.5 times half the width there, and 2.5 times from where
+        the line leaves the field: a width across the line has a meaning.
     off_junction : ndarray of bool, shape (n,)
-        The same for junctions alone.
+        Of these, what is said of junctions alone.
     free_ends : int
         Ends inside the field, whose place is uncertain by about half a width.
     end_width : float
@@ -209,7 +209,10 @@ def _smoothed(
         halves.append(half)
         far, off = np.ones((2, len(path)), dtype=np.bool_)
         for is_end, cell, gone in ((ends[0], segment[0], along), (ends[1], segment[-1], along[-1] - along)):
-            if is_end and not _at_border(cell, shape):
+            if is_end and _at_border(cell, shape):
+                # the mask goes on straight beyond the border, as a crack that leaves at a slant does not
+                far &= gone > 2.5 * distance[cell] + 1
+            elif is_end:
                 near = gone <= 1.5 * distance[cell] + 1
                 far &= ~near
                 if len(_around(cell, cells)) > 2:

@@ -15,6 +15,9 @@ from .cracks import CrackRule, crack_mask
 
 __all__ = ["CrackOpenings", "crack_openings", "opening_sigma"]
 
+SLANTED, SLANTED_CELLS = 1.5, 3.0
+"""A profile longer than so many widths of the mask, and so many cells, does not lie across the crack."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CrackOpenings:
@@ -98,7 +101,11 @@ def crack_openings(
         unseen.append(1.0 - float(crossed.mean()))
         edges.append(edge)
         sigmas.append(sigma)
-    width = (edges[0] + edges[1]) * pitch
+    cells = edges[0] + edges[1]
+    if across is None:
+        # half the mask's width is the circle that fits in: a profile so much longer runs along the crack, into a fork
+        cells[cells > SLANTED * 2 * lines.half_width[use] + SLANTED_CELLS] = np.nan
+    width = cells * pitch
     middle = 0.5 * (edges[0] - edges[1])
     x = scan.grid.x0_mm + (column + middle * normal[:, 0]) * pitch
     y = scan.grid.y0_mm + (row + middle * normal[:, 1]) * pitch

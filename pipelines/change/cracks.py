@@ -176,13 +176,15 @@ def _strips(
 
 
 def _long_parts(mask: npt.NDArray[np.bool_], rule: CrackRule, pitch: float) -> npt.NDArray[np.bool_]:
-    """Drop the parts that are short or not elongated."""
+    """Drop the parts that are short or not elongated; of one that leaves the field, what is beyond counts as much."""
     labels, count = ndimage.label(mask, structure=EIGHT)
     if count == 0:
         return mask
     area = np.bincount(labels.ravel(), minlength=count + 1).astype(np.float64)
     width, length = _width_and_length(labels, count, area)
-    keep = (length * pitch >= rule.least_length_mm) & (length >= rule.least_elongation * width)
+    leaves = np.ones(count + 1)
+    leaves[np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])] = 2.0
+    keep = (length * pitch >= rule.least_length_mm) & (leaves * length >= rule.least_elongation * width)
     keep[0] = False
     return keep[labels]  # type: ignore[no-any-return]  # scipy ships no types
 

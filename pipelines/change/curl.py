@@ -9,7 +9,15 @@ from scipy import ndimage
 from .smoothing import MAD_TO_SIGMA
 from .values import Measurement
 
-__all__ = ["EDGE_BAND_MM", "edge_lift"]
+__all__ = [
+    "EDGE_BAND_MM",
+    "INTERIOR_SHARE",
+    "LEAST_CELLS",
+    "LEAST_PLATE_MM2",
+    "SHARED_ERROR_CELLS",
+    "crack_distance",
+    "edge_lift",
+]
 
 EDGE_BAND_MM = 0.05, 0.25
 """Distance from the crack's edge of the cells that are "the edge"; closer ones may be the wall, resampled."""
@@ -20,6 +28,13 @@ LEAST_CELLS = 30
 SHARED_ERROR_CELLS = 25.0
 
 
+def crack_distance(crack: npt.NDArray[np.bool_], pitch_mm: float) -> npt.NDArray[np.float32]:
+    """Distance of each cell's centre to the nearest crack cell's side, mm; half a cell less than to its centre."""
+    cells = ndimage.distance_transform_edt(~crack).astype(np.float32)
+    distance: npt.NDArray[np.float32] = np.maximum(cells - np.float32(0.5), np.float32(0)) * np.float32(pitch_mm)
+    return distance
+
+
 def edge_lift(
     dz: npt.NDArray[np.float32],
     crack: npt.NDArray[np.bool_],
@@ -28,8 +43,8 @@ def edge_lift(
 ) -> Measurement:
     """Mean rise of the plates' edges over their interiors.
 
-    Plates are the parts of the region that cracks divide. On each, d is the distance to the nearest crack cell,
-    the edge is 0.05 mm < d < 0.25 mm, the interior d > 0.6 of the plate's greatest d, and
+    Plates are the parts of the region that cracks divide. On each, d is the distance to the side of the nearest crack
+    cell, the edge is 0.05 mm < d < 0.25 mm, the interior d > 0.6 of the plate's greatest d, and
 
         lift = mean(dz over the edge) - mean(dz over the interior)
 
@@ -58,7 +73,7 @@ def edge_lift(
     plates, count = ndimage.label(region & ~crack)
     if count == 0:
         return nothing
-    distance = ndimage.distance_transform_edt(~crack).astype(np.float32) * np.float32(pitch_mm)
+    distance = crack_distance(crack, pitch_mm)
     deepest = np.zeros(count + 1, dtype=np.float32)
     np.maximum.at(deepest, plates.ravel(), distance.ravel())
     measured = np.isfinite(dz) & (plates > 0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import lru_cache
 from types import MappingProxyType
 
@@ -15,6 +15,7 @@ from .crack_lines import length_sigma
 from .crack_widths import CrackOpenings, crack_openings, opening_sigma
 from .cracks import crack_mask
 from .curl import edge_lift
+from .plates import Plate, find_plates
 from .values import Comparison, Measurement, Metric
 from .volume import Volumes, volumes
 
@@ -107,6 +108,47 @@ def _edge_lift(comparison: Comparison) -> Measurement:
     # only within the region: the seam of a holder beside it is no crack
     crack = _crack(comparison) | (_baseline_crack(comparison.baseline) & comparison.region)
     return edge_lift(comparison.change.dz, crack, comparison.region, comparison.scan.grid.pitch_mm)
+
+
+@lru_cache(maxsize=1)
+def _plates(comparison: Comparison) -> tuple[Plate, ...]:
+    return find_plates(comparison, _crack(comparison), _baseline_crack(comparison.baseline))[1]
+
+
+def _mean_of_plates(name: str) -> Callable[[Comparison], Measurement]:
+    def mean(comparison: Comparison) -> Measurement:
+        values, sigmas, areas = _of_plates(comparison, name)
+        if not values.size:
+            return NOT_MEASURED
+        # every plate's edge is placed by one raster and one definition: their errors are not taken to cancel
+        return Measurement(float(np.average(values, weights=areas)), float(np.average(sigmas, weights=areas)))
+
+    return mean
+
+
+def _largest_of_plates(name: str, share: float = 1.0) -> Callable[[Comparison], Measurement]:
+    """Largest value of any plate, or the one that plates of a share of the area do not exceed."""
+
+    def largest(comparison: Comparison) -> Measurement:
+        values, sigmas, areas = _of_plates(comparison, name)
+        if not values.size:
+            return NOT_MEASURED
+        order = np.argsort(values, kind="stable")
+        reached = np.cumsum(areas[order]) >= share * areas.sum() * (1 - 1e-12)
+        at = order[int(np.argmax(reached))] if share < 1 else order[-1]
+        return Measurement(float(values[at]), float(sigmas[at]))
+
+    return largest
+
+
+def _of_plates(comparison: Comparison, name: str) -> tuple[npt.NDArray[np.float64], ...]:
+    plates = [plate for plate in _plates(comparison) if np.isfinite(getattr(plate, name).value)]
+    measured = [getattr(plate, name) for plate in plates]
+    return (
+        np.array([one.value for one in measured]),
+        np.array([one.sigma for one in measured]),
+        np.array([plate.area.value for plate in plates]),
+    )
 
 
 def _covered(comparison: Comparison) -> Measurement:
@@ -209,6 +251,41 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "Scatter of dz on edges and interiors, and where within a cell the crack's edge lies.",
             ),
             Metric(
+                "plate_lift_largest",
+                "mm",
+                "Largest lift of a plate",
+                "Edge lift of the plate that curls most, its tilt taken out.",
+                _largest_of_plates("lift"),
+            ),
+            Metric(
+                "plate_lift_p95",
+                "mm",
+                "Lift that 95 % of plates stay below",
+                "Edge lift that plates of 95 % of the plates' area do not exceed.",
+                _largest_of_plates("lift", 0.95),
+            ),
+            Metric(
+                "curl_angle",
+                "degree",
+                "Curl angle",
+                "Mean angle by which the plates' edges have turned up since the baseline, weighted by area.",
+                _mean_of_plates("angle"),
+            ),
+            Metric(
+                "curl_angle_largest",
+                "degree",
+                "Largest curl angle of a plate",
+                "Angle by which the edge of the plate that turned most has turned up since the baseline.",
+                _largest_of_plates("angle"),
+            ),
+            Metric(
+                "curl_curvature",
+                "mm-1",
+                "Curl curvature",
+                "Mean curvature across the plates' edges since the baseline, weighted by area; + is concave up.",
+                _mean_of_plates("curvature"),
+            ),
+            Metric(
                 "covered",
                 "1",
                 "Region measured in both scans",
@@ -263,5 +340,5 @@ def measure(comparison: Comparison, names: Iterable[str]) -> dict[str, Measureme
     try:
         return {name: METRICS[name].measure(comparison) for name in wanted}
     finally:
-        for cached in (_volumes, _crack, _openings, _depths):
+        for cached in (_volumes, _crack, _openings, _depths, _plates):
             cached.cache_clear()

@@ -41,12 +41,16 @@ class Sighting:
         Of its middle in three dimensions, since it was last seen; NaN at first.
     touches : tuple of int
         Identities of those whose footprints meet its own.
+    moved : bool or None
+        Whether it came farther than a cell between the first and the last frame of the capture, so that its shape is
+        not to be trusted; None where its speed or the time that a capture takes is not known.
     """
 
     identity: int
     object: StandingObject
     speed_mm_s: float
     touches: tuple[int, ...]
+    moved: bool | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,7 +97,11 @@ class _Track:
 
 
 def follow_objects(
-    scans: Iterable[Scan], substrate: Substrate | None = None, rule: ObjectRule | None = None
+    scans: Iterable[Scan],
+    substrate: Substrate | None = None,
+    rule: ObjectRule | None = None,
+    *,
+    capture_s: float | None = None,
 ) -> Iterator[Sightings]:
     """Follow objects through scans of one surface.
 
@@ -110,6 +118,8 @@ def follow_objects(
         The bare surface, from `bare_substrate`. Without it the first scan is taken for bare, and an object that lay
         there is seen once it has left its place.
     rule : ObjectRule, optional
+    capture_s : float, optional
+        Seconds from the first frame of a capture to the last: what moves by more than a cell meanwhile is flagged.
 
     Yields
     ------
@@ -154,10 +164,22 @@ def follow_objects(
         touching = _touching(identities)
         substrate = update_substrate(substrate, _without(scan, identities))
         sightings = [
-            Sighting(identity[one.label], one, speeds[identity[one.label]], touching.get(identity[one.label], ()))
+            Sighting(
+                identity[one.label],
+                one,
+                speeds[identity[one.label]],
+                touching.get(identity[one.label], ()),
+                _moved(speeds[identity[one.label]], capture_s, scan.grid.pitch_mm),
+            )
             for one in objects
         ]
         yield Sightings(scan.time, tuple(sorted(sightings, key=lambda s: s.identity)), identities, substrate)
+
+
+def _moved(speed_mm_s: float, capture_s: float | None, pitch_mm: float) -> bool | None:
+    if capture_s is None or np.isnan(speed_mm_s):
+        return None
+    return speed_mm_s * capture_s > pitch_mm
 
 
 def _assign(expected: list[Expected], volumes: list[float], objects: tuple[StandingObject, ...]) -> dict[int, int]:

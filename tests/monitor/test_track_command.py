@@ -42,12 +42,23 @@ def test_a_body_that_creeps(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     assert header.startswith("time,identity,x [mm],y [mm],z [mm],speed [mm/s],area [mm2],area_sigma [mm2]")
 
 
+def test_what_moved_during_a_capture_is_flagged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, out = fill(tmp_path / "dish.icechunk", 12), tmp_path / "tracks.parquet"
+    for seconds, flag in (("0.1", "no"), ("0.5", "yes")):  # 0.02 and 0.1 mm, a cell is 0.05 mm
+        assert run_tokens(["track", str(path), "--out", str(out), "--capture-seconds", seconds]) == 0
+        table = pd.read_parquet(out)
+        assert table["moved"].iloc[0] == ""  # no speed yet
+        assert (table["moved"].iloc[1:] == flag).all()
+        assert ("1 objects moved by more than a cell" in capsys.readouterr().out) == (flag == "yes")
+
+
 def test_what_cannot_be_followed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = fill(tmp_path / "dish.icechunk", 1)
     out = str(tmp_path / "tracks.csv")
     for tokens, said in (
         ([str(path), "--out", out], "holds 1 scans"),
         ([str(path), "--out", out, "--least-height-mm", "0"], "must be above 0"),
+        ([str(path), "--out", out, "--capture-seconds", "0"], "must be above 0"),
         ([str(tmp_path / "none"), "--out", out], "no such store"),
     ):
         assert run_tokens(["track", *tokens]) != 0

@@ -38,7 +38,7 @@ def test_names_units_and_words() -> None:
     for name, metric in METRICS.items():
         assert name == metric.name
         assert name.isidentifier()
-        assert metric.unit in {"mm", "mm2", "mm3", "1"}
+        assert metric.unit in {"mm", "mm2", "mm3", "1", "degree", "mm-1"}
         assert metric.title
         assert metric.definition.endswith(".")
         assert metric.uncertainty.endswith(".")
