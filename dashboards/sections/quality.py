@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from pipelines.change import NoiseModel
+
 from ..findings import Findings
 from ..quantities import day_and_time, plain
 from ..section import Section, Table
@@ -42,7 +44,36 @@ def quality(findings: Findings) -> Section | None:
     )
     caption = "Quality of each scan" if len(shown) == findings.scans else f"Quality of the newest {len(shown)} scans"
     head = ("Scan", "Time", "Measured", "Height uncertainty (median)", "Registration residual", "Registration")
-    return Section("quality", "Quality", text=tuple(text), tables=(Table(caption, head, rows, numeric=(0, 2, 3, 4)),))
+    tables = [Table(caption, head, rows, numeric=(0, 2, 3, 4))]
+    noise = findings.about.noise
+    if noise is not None:
+        text.append(
+            f"Levels of detection rest on noise model {noise.id}, calibrated on {noise.scans} scans at rest from "
+            f"{noise.first} to {noise.last} ({noise.ground}): a difference scatters by the root of the sum of the "
+            f"squares of {_micrometres(noise.floor_mm)}, {plain(noise.gain, 3)} times the scans' own uncertainty, and "
+            f"{_micrometres(noise.sideways_mm)} times the slope."
+        )
+        if np.isfinite(noise.false_positives):
+            share = plain(100 * noise.false_positives, 2)
+            text.append(f"Of the cells of pairs that it was not fitted to, {share} % were beyond the 95 % level.")
+        tables.append(_noise_table(noise))
+    return Section("quality", "Quality", text=tuple(text), tables=tuple(tables))
+
+
+def _noise_table(noise: NoiseModel) -> Table:
+    rows = tuple(
+        (
+            _micrometres(cell.sigma_mm),
+            plain(cell.slope, 2),
+            str(cell.count),
+            _micrometres(cell.observed_mm),
+            _micrometres(cell.model_mm),
+            f"{100 * cell.beyond:.1f} %",
+        )
+        for cell in noise.cells
+    )
+    head = ("Uncertainty stated", "Slope", "Cells", "Scatter seen", "Scatter by the model", "Beyond the 95 % level")
+    return Table("Repeatability: differences between scans at rest", head, rows, numeric=(0, 1, 2, 3, 4, 5))
 
 
 def _micrometres(length_mm: float) -> str:

@@ -19,7 +19,8 @@ FINE_CELLS = 1.0
 COARSE_CELLS = 8.0
 """Sigma of the Gaussian whose result is subtracted: settlement, tilt and lighting are gone after it."""
 Pair = tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
-ROUNDS = 12
+ROUNDS = 40
+"""Far starts creep, a part of a cell a round; near ones end after three or four."""
 SIMILAR = 1.5
 """Shares of cells explained within this factor do not tell two shifts apart."""
 SAMPLED = 20_000
@@ -157,7 +158,10 @@ def lateral_drift(scan: Scan, baseline: Scan, use: npt.NDArray[np.bool_], reach_
         return nothing
     support = _support(found)
     good = [one for one, share in zip(found, support, strict=True) if share * SIMILAR >= support.max()]
-    best = min(good, key=lambda one: np.hypot(one.u, one.v))
+    nearest = min(good, key=lambda one: np.hypot(one.u, one.v))
+    # starts that end within a cell of each other are one shift, and the one that explains most is the one that arrived
+    same = [k for k, one in enumerate(found) if np.hypot(one.u - nearest.u, one.v - nearest.v) <= 1.0]
+    best = found[max(same, key=lambda k: float(support[k]))]
     ambiguous = max(np.hypot(one.u - best.u, one.v - best.v) for one in good) > 1.0
     pitch = grid.pitch_mm
     return Drift(best.u * pitch, best.v * pitch, best.sigma * pitch, best.conditioning, bool(ambiguous))

@@ -14,6 +14,7 @@ import pytest
 from configs import StoreError
 from dashboards import SECTIONS, gather, judge_findings, write_report
 from pipelines import Event, Motion
+from pipelines.change import NoiseCell, NoiseModel
 from storage import Ledger, Stored, ledger_beside
 
 from .drying import SIX_HOURS, START, DryingStore, drying_store
@@ -212,6 +213,16 @@ def test_the_series_lies_beside_the_page(drying: DryingStore, tmp_path: Path) ->
     assert len(parquet) == len(csv) == 6
     column = next(name for name in csv.columns if name.startswith("net_volume") and "sigma" not in name)
     np.testing.assert_allclose(csv[column], drying.table["net_volume"])
+
+
+def test_the_noise_model_behind_levels_of_detection_is_told(drying: DryingStore, tmp_path: Path) -> None:
+    cell = NoiseCell(0.003, 0.4, 1234, 0.0051, 0.005, 0.052)
+    model = NoiseModel(0.002, 1.5, 0.004, np.ones(1), 0.01, 0.0001, 0.048, 8, 8, "monday", "friday", cells=(cell,))
+    assert "noise model" not in page_of(drying, tmp_path / "without").text
+    text = page_of(replace(drying, about=replace(drying.about, noise=model)), tmp_path / "with").text
+    assert f"noise model {model.id}, calibrated on 8 scans at rest from monday to friday" in text
+    assert "4.8 % were beyond the 95 % level" in text
+    assert "1234" in text
 
 
 def test_a_folder_that_cannot_be_made_is_said_in_one_line(drying: DryingStore, tmp_path: Path) -> None:
