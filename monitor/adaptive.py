@@ -17,9 +17,6 @@ from .scheduler import Slots, make_slots
 
 __all__ = ["Pace", "PacedSlots", "exciting", "level_of", "pace_of", "paced_slots", "quiet_scans"]
 
-MOST_READ = 200
-"""Scans looked at after a restart for the last exciting one; calm for longer is calm."""
-
 NANOSECOND = np.timedelta64(1, "ns")
 
 
@@ -40,7 +37,7 @@ def level_of(quiet: int, rule: Adaptive) -> int:
 def quiet_scans(store: Store, rule: Adaptive) -> int:
     """Count the scans since the last exciting one. A store that never had one begins at the usual rate."""
     count = len(store)
-    for quiet in range(min(count, MOST_READ)):
+    for quiet in range(min(count, 2 * rule.calm_after)):  # calm for longer is no calmer
         if exciting(store[count - 1 - quiet].alarms, rule):
             return quiet
     return count + rule.calm_after

@@ -128,10 +128,9 @@ class HealthKeeper:
     rig: Rig
     log: HealthLog
     auto: AutoExposure | None = None
-    _signs: VitalSigns | None = None
-    _capture_s: float = NAN
-    _work_s: float = NAN
-    _asides: list[str] = field(default_factory=list)
+    _seen: tuple[VitalSigns, float] | None = None
+    _slots: dict[Instant, tuple[VitalSigns, float, float]] = field(default_factory=dict)
+    _newest: Instant | None = None
 
     def open(self) -> None:
         """Open the rig."""
@@ -139,11 +138,11 @@ class HealthKeeper:
 
     def capture(self, patterns: PatternSet, at: Instant) -> Frames:
         """Capture, and look at what came."""
-        self._signs, self._capture_s, self._work_s = None, NAN, NAN
+        self._seen = None
         began = time.perf_counter()
         frames = self.rig.capture(patterns, at)
-        self._capture_s = time.perf_counter() - began
-        self._signs = vital_signs(frames)
+        took = time.perf_counter() - began
+        self._seen = vital_signs(frames), took
         return frames
 
     def close(self) -> None:
@@ -158,7 +157,9 @@ class HealthKeeper:
             try:
                 return work(frames, recipe, epoch, planned)
             finally:
-                self._work_s = time.perf_counter() - began
+                if self._seen is not None:  # kept by slot: video settles in groups, long after
+                    self._slots[planned] = *self._seen, time.perf_counter() - began
+                    self._newest = planned
 
         return timing
 
@@ -166,14 +167,15 @@ class HealthKeeper:
         """Keep a visit's health, and set the exposure of the next; give what is to be noted."""
         if settled.state == "missed":
             return ()
-        signs = self._signs or VitalSigns(NAN, NAN, NAN, NAN, NAN)
+        nothing = VitalSigns(NAN, NAN, NAN, NAN, NAN), NAN, NAN
+        signs, capture_s, work_s = self._slots.pop(settled.planned, nothing)
         motion = settled.tick.change.motion if settled.tick is not None and settled.tick.change is not None else None
         health = Health(
             int(settled.planned.astype("datetime64[ns]").astype(np.int64)),
             settled.state,
             settled.lag_s,
-            self._capture_s,
-            self._work_s,
+            capture_s,
+            work_s,
             settled.took_s,
             signs.exposure_ms,
             signs.bright,
@@ -184,7 +186,7 @@ class HealthKeeper:
             motion.verdict if motion is not None else "",
             motion.residual_mm if motion is not None else NAN,
         )
-        told = self._expose(signs)
+        told = self._expose(signs) if settled.planned == self._newest else ()
         self.log.add(health)
         return told
 

@@ -197,9 +197,11 @@ class Notifier:
             self._thread.join(LAST_S)
 
     def _send_on(self) -> None:
-        while not self._over:
+        over = False
+        while not over:
             self._wake.wait(LOOK_S)
             self._wake.clear()
+            over = self._over  # asked before the last delivery: what came meanwhile goes with it
             try:
                 self.deliver()
             except Exception as error:  # noqa: BLE001 - a full disk; the messages that are kept are tried again
