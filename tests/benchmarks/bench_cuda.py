@@ -25,7 +25,7 @@ from tests.pipelines.reconstruction.exact_rig import make_rig
 
 Result = TypeVar("Result")
 
-RUNS = 9
+RUNS = 7
 SMALL = 640, 400
 DECODE, PLACE, POINTS = "decode, both axes", "sub-pixel, both axes", "triangulate"
 MIXED, CELLS = "mixed pixels", "fill and mend cells (CPU: and clean up, lay)"

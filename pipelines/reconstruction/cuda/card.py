@@ -78,9 +78,9 @@ def kernel(function: Callable[..., None]) -> Any:
     """Make a kernel. Its machine code is kept beside the file, as that of the CPU's functions is.
 
     A kernel is kept by the file that it stands in: after a change to a formula of the CPU, touch the file or clear
-    ``NUMBA_CACHE_DIR``. Linking does not optimise again: it would fuse what was not to be fused.
+    ``NUMBA_CACHE_DIR``. Linking must not optimise again: it would fuse what was not to be fused.
     """
-    return cuda.jit(function) if SIMULATED else cuda.jit(cache=True, lto=False)(function)
+    return cuda.jit(function) if SIMULATED else cuda.jit(function, cache=True, lto=False)
 
 
 def launch(made: Any, size: int, *given: Any) -> None:

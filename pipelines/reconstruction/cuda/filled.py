@@ -7,10 +7,11 @@ from numba import cuda, float32, int64
 
 from ...grid import Grid
 from ...scan import LEVEL_NONE
-from ..grid_kernels import (
+from ..cell_kernels import (
     ALONG,
     ASIDE,
     COUNT,
+    FIRST,
     HALF,
     HEIGHT,
     HIGH,
@@ -20,16 +21,12 @@ from ..grid_kernels import (
     RIM,
     SLOPE_X,
     SLOPE_Y,
-    STEEPEST,
+    SQUARE,
     WEIGHT,
-    _add,
-    _cells,
-    _half,
-    _overlap,
-    _relief,
 )
+from ..grid_kernels import STEEPEST, _add, _cells, _half, _overlap
 from ..lay_kernels import CODE, FINE, OFFSET
-from ..mend_kernels import _amid, _between, _enclosed
+from ..mend_kernels import _amid, _dense, _enclosed
 from .card import OnCard, clear, empty, kernel, launch
 from .laid import LaidOnCard
 
@@ -169,7 +166,7 @@ def _fill(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     cell, above, sigma_in, local, slope, texture_in, level_in, usual, pitch, shared, wide,
     height, sigma, texture, level,
 ):  # fmt: skip
-    """As `grid_kernels.fill`, into arrays with a row more before the first and after the last."""
+    """As `grid_kernels.fill` and `cell_kernels.conclude`, into arrays with a row more at either end."""
     rows, columns = height.shape[0] - 2, height.shape[1]
     nan, unit = np.float32(np.nan), np.float32(pitch / (OFFSET * FINE))
     one, zero, sampled = np.float32(1), np.float32(0), np.float32(1 / 12)
@@ -182,18 +179,18 @@ def _fill(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
             texture[row + 1, column], level[row + 1, column] = 0, LEVEL_NONE
             continue
         at = row * columns + column
-        sums = cuda.local.array(PARTS, float32)
+        sums = cuda.local.array((PARTS, 1), float32)  # as `_add` takes them: a column per cell
         for part in range(PARTS):
-            sums[part] = zero
-        sums[LOW], sums[HIGH] = np.float32(np.inf), np.float32(-np.inf)
+            sums[part, 0] = zero
+        sums[LOW, 0], sums[HIGH, 0] = np.float32(np.inf), np.float32(-np.inf)
         deepest, rim = 0, 0
         for k in range(begins[at], ends[at]):
             p = owned[k]
-            _add(sums, above[p], local[p], slope[p], sigma_in[p], texture_in[p])
-            sums[LOW], sums[HIGH] = min(sums[LOW], above[p]), max(sums[HIGH], above[p])
+            _add(sums, 0, above[p], local, slope, p, sigma_in[p], texture_in[p])
+            sums[LOW, 0], sums[HIGH, 0] = min(sums[LOW, 0], above[p]), max(sums[HIGH, 0], above[p])
             if sigma_in[p] > 0:
                 sides = (np.int32(local[p, 2]) + 128) * (np.int32(local[p, 3]) + 128)
-                sums[INNER] += usual_area * np.float32(sides)
+                sums[INNER, 0] += usual_area * np.float32(sides)
             else:
                 rim = RIM
             if level_in[p] > deepest and level_in[p] != LEVEL_NONE:  # else one axis was enough
@@ -202,9 +199,9 @@ def _fill(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
         for k in range(cover_begins[at], cover_ends[at]):
             high, broad = _share(covering[k], cell, local, usual, columns, row, column)
             area = np.float32(area + high * broad)
-        if sums[HIGH] - sums[LOW] > gap:
+        if sums[HIGH, 0] - sums[LOW, 0] > gap:
             _choose(sums, begins[at], ends[at], owned, above, local, slope, sigma_in, texture_in)
-        if sums[COUNT] == 0 and area >= HALF:
+        if sums[COUNT, 0] == 0 and area >= HALF:
             for k in range(cover_begins[at], cover_ends[at]):
                 p = covering[k]
                 high, broad = _share(p, cell, local, usual, columns, row, column)
@@ -215,40 +212,44 @@ def _fill(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
                 right = np.float32(column - cell[p] % columns - x)
                 up = np.float32(row - cell[p] // columns - y)
                 here = above[p] + np.float32(pitch / FINE) * (slope[p, 0] * right + slope[p, 1] * up)
-                if sums[WEIGHT] > 0 and abs(sums[HEIGHT] / sums[WEIGHT] - here) > gap:
-                    if sums[WEIGHT] >= lent:
+                if sums[WEIGHT, 0] > 0 and abs(sums[HEIGHT, 0] / sums[WEIGHT, 0] - here) > gap:
+                    if sums[WEIGHT, 0] >= lent:
                         continue
                     for each in range(LOW):
-                        sums[each] = zero
+                        sums[each, 0] = zero
                     deepest = 0
                 if not wide:
                     rim = RIM
-                sums[WEIGHT] += lent
-                sums[HEIGHT] += lent * here
-                sums[ASIDE] += lent * sigma_in[p] * sigma_in[p]
-                sums[LIGHT] += lent * np.float32(texture_in[p])
+                sums[WEIGHT, 0] += lent
+                sums[HEIGHT, 0] += lent * here
+                sums[ASIDE, 0] += lent * sigma_in[p] * sigma_in[p]
+                sums[LIGHT, 0] += lent * np.float32(texture_in[p])
                 if level_in[p] != LEVEL_NONE:
                     deepest = max(deepest, level_in[p])
-        if not sums[WEIGHT] > 0:
+        if not sums[WEIGHT, 0] > 0:
             height[row + 1, column], sigma[row + 1, column] = nan, nan
             texture[row + 1, column], level[row + 1, column] = 0, LEVEL_NONE
             continue
-        count, share = sums[COUNT], one / sums[WEIGHT]
+        count, share = sums[COUNT, 0], one / sums[WEIGHT, 0]
         level[row + 1, column] = np.uint8(deepest + rim)
         if count == 0:  # lent
-            height[row + 1, column], sigma[row + 1, column] = sums[HEIGHT] * share, np.sqrt(sums[ASIDE] * share)
-            texture[row + 1, column] = np.uint8(sums[LIGHT] * share)
+            height[row + 1, column], sigma[row + 1, column] = sums[HEIGHT, 0] * share, np.sqrt(sums[ASIDE, 0] * share)
+            texture[row + 1, column] = np.uint8(sums[LIGHT, 0] * share)
             continue
-        moved = sums[ASIDE] * sums[SLOPE_X] + sums[ALONG] * sums[SLOPE_Y]
-        height[row + 1, column] = sums[HEIGHT] * share - moved * (unit * share * share)
+        moved = sums[ASIDE, 0] * sums[SLOPE_X, 0] + sums[ALONG, 0] * sums[SLOPE_Y, 0]
+        height[row + 1, column] = sums[HEIGHT, 0] * share - moved * (unit * share * share)
         worth = one + (np.sqrt(count) - one) / apart
         own = share * count
-        seen, bent = _relief(sums, own, np.float32(pitch))
-        unseen = max(one - sums[INNER], zero)
+        mean = sums[HEIGHT, 0] * share - sums[FIRST, 0]
+        steep = sums[SLOPE_X, 0] * sums[SLOPE_X, 0] + sums[SLOPE_Y, 0] * sums[SLOPE_Y, 0]
+        steep *= share * share / np.float32(FINE * FINE)
+        seen = max(sums[SQUARE, 0] * share - mean * mean - own, zero)
+        bent = max(seen - steep * np.float32(pitch) * np.float32(pitch) / np.float32(12), zero)
+        unseen = max(one - sums[INNER, 0], zero)
         spread = np.sqrt(own / (worth * worth) + seen * unseen * unseen + bent * sampled / count)
-        area = np.float32(area + (zero if wide else sums[INNER]))
+        area = np.float32(area + (zero if wide else sums[INNER, 0]))
         sigma[row + 1, column] = spread if area >= HALF else -spread
-        texture[row + 1, column] = np.uint8(sums[LIGHT] / count)
+        texture[row + 1, column] = np.uint8(sums[LIGHT, 0] / count)
 
 
 @cuda.jit(device=True)
@@ -264,13 +265,22 @@ def _choose(sums, begin, end, owned, above, local, slope, sigma, texture):  # ty
     """As `grid_kernels._choose`, of one cell."""
     upper = 0
     for k in range(begin, end):
-        upper += 1 if 2 * above[owned[k]] > sums[LOW] + sums[HIGH] else -1
+        upper += 1 if 2 * above[owned[k]] > sums[LOW, 0] + sums[HIGH, 0] else -1
     for part in range(LOW):
-        sums[part] = np.float32(0)
+        sums[part, 0] = np.float32(0)
     for k in range(begin, end):
         p = owned[k]
-        if (2 * above[p] > sums[LOW] + sums[HIGH]) == (upper >= 0):
-            _add(sums, above[p], local[p], slope[p], sigma[p], texture[p])
+        if (2 * above[p] > sums[LOW, 0] + sums[HIGH, 0]) == (upper >= 0):
+            _add(sums, 0, above[p], local, slope, p, sigma[p], texture[p])
+
+
+@cuda.jit(device=True)
+def _between(levels, beside):  # type: ignore[no-untyped-def]  # numba infers the types
+    """Whether no pixel is missing between two opposite neighbours."""
+    found = False
+    for k in range(4):
+        found |= _dense(levels[beside[k]], levels[beside[7 - k]])
+    return found
 
 
 @kernel
@@ -299,7 +309,7 @@ def _mend(heights, sigmas, lights, levels, gap, height, sigma, texture, level): 
                 texture[row, column], level[row, column] = 0, LEVEL_NONE
         elif inside:
             least, opposite = RIM, True
-            if not _between(levels, beside, 0):
+            if not _between(levels, beside):
                 if _enclosed(sigmas, beside, 0):
                     least = LEVEL_NONE
                 elif _amid(levels, beside, 0):

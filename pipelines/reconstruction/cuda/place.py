@@ -6,7 +6,7 @@ import numpy as np
 from numba import cuda
 
 from ..cells import AxisCells
-from ..edge_kernels import REACH, _add_bend, _crossing, _edges_between, _root, _wider, levels_of
+from ..edge_kernels import REACH, _add_bend, _crossings, _edges_between, _root, _wider, levels_of
 from ..frames import Frames
 from ..kernels import NO_CELL
 from ..light import read_light
@@ -124,12 +124,12 @@ def _place(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
             _, first = _edges_between(steps[i0 + (start - 1) * di, j0 + (start - 1) * dj], here)
             last, _ = _edges_between(here, steps[i0 + stop * di, j0 + stop * dj])
             if first >= 0 and last >= 0:
-                position, inverse = _crossing(
+                position, inverse = _crossings(
                     stack, white, black, plus, minus, tilt, contrast, first, i0 + start * di, j0 + start * dj, di, dj
                 )
                 known = position == position
                 behind, value, error = np.float32(start) + position, edge[first], noise * inverse
-                position, inverse = _crossing(
+                position, inverse = _crossings(
                     stack, white, black, plus, minus, tilt, contrast, last, i0 + stop * di, j0 + stop * dj, di, dj
                 )
                 ahead = np.float32(stop) + position

@@ -22,6 +22,7 @@ from ..pixel_maps import Decoded, PointMap
 from ..reconstruct import check_projector
 from ..rig_model import Calibration
 from ..surface import SHARED, _usual, stripe_px, stripe_raster
+from ..surface import _stripe_px as stripe_px_of
 from ..triangulate_parallel import triangulate_parallel
 from .card import SIMULATED, OnCard, empty, kernel, launch, up, up_quickly
 from .filled import fill_cells
@@ -97,7 +98,7 @@ def to_scan(
     DeviceUnavailable
         The card has no room, is held by another program, or fell out.
     """
-    stripe = _stripe_px(up(points.projector[..., 0]), up(points.projector[..., 1]))
+    stripe = stripe_px_of(points.projector[..., 0], points.projector[..., 1])
     texture, level = up(points.texture), up(points.level)
     return _gridded(
         planes_of(points), texture, level, stripe, calibration, grid, time, background=not remove_background
