@@ -34,7 +34,7 @@ from storage import (
 from storage import statistics as statistics_of
 from storage.icechunk_store import IcechunkStore
 from storage.layout import SCHEMA
-from storage.room import reserve_bytes
+from storage.room import full_at, reserve_bytes
 
 from .test_layout import SCHEMA_1
 from .test_verification import hashes, made
@@ -220,6 +220,8 @@ def test_stat_tells_size_growth_and_the_day_the_disk_is_full(
     assert (told["scans"], told["snapshots"], told["bytes"]) == (5, 8, on_disk)
     assert told["bytes_per_scan"] == pytest.approx(on_disk / 5)
     assert told["bytes_per_day"] == pytest.approx(on_disk / 5 * 4, rel=0.01), "four scans a day"
+    pace = full_at(at(0), told["free"], told["bytes"], at(0), at(4), told["scans"])
+    assert (told["disk_full"] is None) == (pace is None)
     assert set(told["by_group"]) == {"binned", "calibrations", "change", "events", "metrics", "scans"}
     assert sum(told["kinds"].values()) < on_disk
     assert run_tokens(["store", "stat", str(path)]) == 0
@@ -259,6 +261,16 @@ def test_a_report_tags_the_snapshot_that_it_names(tmp_path: Path, capsys: pytest
     assert isinstance(store, IcechunkStore)
     assert store.repository.lookup_tag(f"cited-{newest}") == newest
     capsys.readouterr()
+
+
+def test_the_day_the_disk_is_full() -> None:
+    """101 scans, one a day, of 1 MB each: 50 MB last fifty days."""
+    first, last, now = at(0), at(400), at(404)
+    days = np.timedelta64(50, "D")
+    assert full_at(now, 50e6, 101e6, first, last, 101) == now + days
+    assert full_at(now, 500e6, 101e6, first, last, 101) == now + 10 * days
+    for free, used, scans in ((50e6, 1e6, 1), (50e6, 0, 101), (1e12, 1e3, 101)):
+        assert full_at(now, free, used, first, last, scans) is None, "not known, or a century away"
 
 
 @pytest.mark.parametrize(
