@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from .cells import AxisCells, Cells, spread_of_contrast
 from .decode import decode
-from .edge_kernels import REACH, Pictures, along_columns, along_rows
+from .edge_kernels import REACH, TILE, Pictures, along_columns, along_rows, settle
 from .frames import Frames
 from .light import ROUNDING, Light, frame_indices, frame_of, read_light
 from .patterns import AXES
@@ -19,11 +19,7 @@ from .threshold import edge_levels
 
 __all__ = ["locate", "refine"]
 
-# What the frames' noise does not explain, projector px: flicker of the light leaves FLAT_PX, and a straight line
-# through an edge that is not straight BENT_PX times the square of projector px per camera px (cells that the camera
-# hardly resolves; of the whole capture: the local one is measured between the very edges that may be misplaced).
-# Read off a rendered capture with known answers.
-FLAT_PX, BENT_PX = 0.02, 0.12
+SETTLED = 8 * TILE  # image rows whose uncertainties are settled at once: whole tiles, whatever the number of cores
 RUNS = 24  # of 64 pixels, which the light is read from
 
 HalfSteps = npt.NDArray[np.uint16]
@@ -101,21 +97,23 @@ def _between_edges(
         black=frame_of(patterns, "black"),
         plus=np.where(none, -1, plus[axis][cells.flips]).astype(np.int32),
         minus=np.where(none, -1, minus[axis][cells.flips]).astype(np.int32),
-        tilt=(scale * tilt)[cells.flips].astype(np.float32),
+        tilt=tilt[cells.flips].astype(np.float32),
         edge=cells.edge,
         centre=centre,
         width=cells.widths(),
         unsure=np.square(unsure),
-        noise=np.float32(noise * np.sqrt(2 if patterns.complementary else 6)),
-        flat=np.float32(FLAT_PX**2 + (BENT_PX * density**2) ** 2),
+        noise=np.float32((noise / scale) ** 2 * (2 if patterns.complementary else 6)),
+        scale=np.float32(1 / scale),
     )
     reach = max(0, min(round(1 / max(density, 1e-3)), REACH, (min(steps.shape) - 1) // 2))
     run = along_columns if down else along_rows
 
     def slab(first: int, last: int) -> None:
-        run(pictures, steps, decoded.contrast, first, last, reach, place, sigma)
+        run(pictures, steps, decoded.contrast, first, last, place, sigma)
 
     in_slabs(steps.shape[1 if down else 0], slab)
+    lags = (reach, 0) if down else (0, reach)
+    in_slabs(len(steps), lambda first, last: settle(place, sigma, *lags, first, last), step=SETTLED)
 
 
 def _growth(steps: HalfSteps, centre: Floats) -> tuple[bool, float]:
