@@ -22,6 +22,9 @@ BEND = 1 / 120
 # A Gaussian edge's swing, as a share of full swing, to the distance from the edge: x (1 - P x2) / (1 - Q x2) is the
 # inverse error function to 2 % up to CLEAR, least squares. Nearer to full swing noise decides.
 P, Q, CLEAR = 0.483, 0.721, 0.95
+# Square of what a straight line and a Gaussian edge differ by: the true profile lies anywhere between (1/12), and
+# neighbouring edges share it, while between two of them two thirds of independent variances are left.
+UNSURE = 1 / 8
 TILE = 16  # camera px: scatter is averaged over tiles of this side, and their neighbours along the rows
 MOST_LAG = 4  # camera px: tiles are not much wider
 LINES = 4  # one line in so many tells the scatter
@@ -98,7 +101,7 @@ def _between(a, b, full_a, full_b, noise):  # type: ignore[no-untyped-def]  # nu
     share = np.float32(1) / ((u - v) * (low - high))
     part, slope = u * (low - high) * share, under_a * under_b * full_b * (low - high) * share
     off = (v * low - u * high) * share
-    return part, noise * slope * slope + off * off * np.float32(1 / 12)
+    return part, noise * slope * slope + off * off * np.float32(UNSURE)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -286,14 +289,15 @@ def along_columns(pictures, steps, contrast, first, last, fine, spread):  # type
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def settle(fine, spread, down, along, first, last):  # type: ignore[no-untyped-def]  # numba infers
+def settle(fine, spread, down, along, shared, first, last):  # type: ignore[no-untyped-def]  # numba infers
     """Turn variances into standard uncertainties, in rows `first` to `last`: what noise does not explain is added.
 
     One of `down` and `along` is the distance, camera px, over which the bend of the lines of positions is taken, the
     other is 0. Neighbouring lines were found from other pixels: whatever misplaces them (noise, texture, relief finer
     than a cell) shows in second differences across the lines, of which an independent error has a sixth in variance.
     So has relief: a chord over a cell misses a rough surface by 0.15 of the second difference over half a cell.
-    Negative variances are whole: of pixels without edges.
+    Negative variances are whole: of pixels without edges. `shared` is the variance that no difference across the lines
+    shows (`subpixel`), projector px squared.
     """
     H, W = fine.shape
     lag = min(max(1, (down + along + 1) // 2), MOST_LAG)
@@ -301,6 +305,7 @@ def settle(fine, spread, down, along, first, last):  # type: ignore[no-untyped-d
     for top in range(first, last, TILE):
         bottom = min(top + TILE, last)
         _scatter(fine, spread, top, bottom, lag if along else 0, 0 if along else lag, scatter)
+        scatter += shared
         for i in range(top, bottom):
             low, high = along, W - along
             if not down <= i < H - down or high < low:
