@@ -20,7 +20,7 @@ from .threshold import edge_levels
 __all__ = ["locate", "refine"]
 
 SETTLED = 8 * TILE  # image rows whose uncertainties are settled at once: whole tiles, whatever the number of cores
-LINES = 12  # of the image, that tell what neighbouring lines share
+LINES = 6  # of the image, that tell what neighbouring lines share
 FEW = 200
 RUNS = 24  # of 64 pixels, which the light is read from
 
@@ -42,8 +42,8 @@ def refine(frames: Frames, decoded: Decoded) -> Decoded:
     edge on both sides keep the middle of their cell and its sigma. Stripes and phase sets are placed by `decode`
     already and left alone.
 
-    Sigma is what the frames' noise does to the edges, what the profile of an edge leaves open (`edge_kernels`), and what
-    the positions themselves show: how they scatter from line to line, and how they bend along a line.
+    Sigma is what the frames' noise does to the edges, what the profile of an edge leaves open (`edge_kernels`), and
+    what the positions themselves show: how they scatter from line to line, and how they bend along a line.
 
     White stripes look wider than black ones through gamma and blur. Pattern minus inverse does not know it: at the end
     of a stripe both are as bright, whatever the curve. Without inverses the level of the edges is measured
