@@ -5,6 +5,7 @@ Lines are the image's rows, or its columns; both are visited as memory lies, row
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numba as nb
@@ -13,13 +14,24 @@ import numpy.typing as npt
 
 from .kernels import NO_CELL
 
-__all__ = ["REACH", "Pictures", "along_columns", "along_rows", "levels_of"]
+__all__ = ["REACH", "TILE", "Pictures", "along_columns", "along_rows", "levels_of", "settle"]
 
 REACH = 96  # camera px: between edges further apart nothing is known to be linear
-# How far a pixel is off, of the bend of the map over one cell to either side: sqrt(1/120) of it where the surface
-# bends (the mean of a parabola's distance from its chord), half of it where an edge is misplaced (then the errors of
-# four edges make the bend, and those of the inner two the pixel's). Which it is cannot be told: their geometric mean.
-BEND = 0.21
+# Square of how far a pixel is off, of the bend of the map over one cell to either side: a parabola from its chord.
+BEND = 1 / 120
+# A Gaussian edge's swing, as a share of full swing, to the distance from the edge: x (1 - P x2) / (1 - Q x2) is the
+# inverse error function to 2 % up to CLEAR, least squares. Nearer to full swing noise decides.
+P, Q, CLEAR = 0.483, 0.721, 0.95
+# Square of what a straight line and a Gaussian edge differ by: the true profile lies anywhere between, and we take the
+# Gaussian end: uniform over [0, d] about 0 has a mean square of d2 / 3.
+UNSURE = 1 / 3
+TILE = 16  # camera px: scatter is averaged over tiles of this side, and their neighbours along the rows
+MOST_LAG = 4  # camera px: tiles are not much wider
+LINES = 4  # one line in so many tells the scatter
+FAR = 4  # times the mean second difference: 3.2 standard deviations
+FEW = 32  # second differences that tell the scatter of three tiles
+# of the absolute second difference of three independent values: its mean's square is 6 * 2 / pi variances
+SCATTER = math.pi / 12
 SKIPPED = 2  # half cells that the camera may skip between neighbours: one cell
 
 
@@ -42,9 +54,9 @@ class Pictures(NamedTuple):
     unsure : ndarray of float32, shape (256,)
         Variance of a whole cell, in cells squared, by contrast.
     noise : float32
-        Standard deviation of pattern minus inverse, counts.
-    flat : float32
-        Variance that the noise does not explain, projector px squared.
+        Variance of pattern minus inverse, in units of `contrast` squared.
+    scale : float32
+        Units of `contrast` per count.
     """
 
     stack: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
@@ -58,54 +70,76 @@ class Pictures(NamedTuple):
     width: npt.NDArray[np.float32]
     unsure: npt.NDArray[np.float32]
     noise: np.float32
-    flat: np.float32
+    scale: np.float32
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _swing(stack, white, black, plus, minus, tilt, contrast, i, j):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+def _swing(stack, white, black, plus, minus, tilt, contrast, scale, i, j):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     """Pattern minus inverse of a pixel, as under even light."""
     light = tilt * np.float32(contrast[i, j])
     p = np.float32(stack[plus, i, j])
     if minus >= 0:
-        return p - np.float32(stack[minus, i, j]) - light
-    return p + p - np.float32(stack[white, i, j]) - np.float32(stack[black, i, j]) - light
+        return scale * (p - np.float32(stack[minus, i, j])) - light
+    return scale * (p + p - np.float32(stack[white, i, j]) - np.float32(stack[black, i, j])) - light
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _between(a, b, full_a, full_b, noise):  # type: ignore[no-untyped-def]  # numba infers
+    """Where an edge lies between two pixels of opposite swings, 0 to 1, and the inverse of its slope, px per count.
+
+    An edge that a lens has blurred is an error function of the distance. A straight line between two pixels misses it
+    by up to a tenth of a pixel where it is sharp, its inverse (`P`, `Q`) does not, whatever the blur; and measured by
+    each pixel's own full swing an edge lies right where the surface is darker on one side.
+    """
+    least = np.float32(1 / CLEAR)
+    full_a, full_b = max(full_a, abs(a) * least), max(full_b, abs(b) * least)
+    a2, b2, fa2, fb2 = a * a, b * b, full_a * full_a, full_b * full_b
+    under_a, under_b = fa2 - np.float32(Q) * a2, fb2 - np.float32(Q) * b2
+    u = a * (fa2 - np.float32(P) * a2) * under_b * full_b
+    v = b * (fb2 - np.float32(P) * b2) * under_a * full_a
+    low, high = a * full_b, b * full_a
+    share = np.float32(1) / ((u - v) * (low - high))
+    part, slope = u * (low - high) * share, under_a * under_b * full_b * (low - high) * share
+    off = (v * low - u * high) * share
+    return part, noise * slope * slope + off * off * np.float32(UNSURE)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _crossings(stack, white, black, plus, minus, tilt, contrast, begin, i, j, di, dj):  # type: ignore[no-untyped-def]  # numba infers
+def _crossings(stack, white, black, plus, minus, tilt, contrast, scale, noise, begin, i, j, di, dj):  # type: ignore[no-untyped-def]  # numba infers
     """Where the bits that flip at the cell edge `begin` cross zero, and the slope's inverse; NaN where none does.
 
     Pixel (i, j) is 0 and the one before it along (di, dj) is -1. Bits are decided without regard to the light, so the
     crossing may lie one pixel further on either side.
     """
-    total, inverse, count = np.float32(0), np.float32(0), np.float32(0)
+    total, variance, count = np.float32(0), np.float32(0), np.float32(0)
     for n in range(plus.shape[1]):
         p, q, t = plus[begin, n], minus[begin, n], tilt[begin, n]
         if p < 0:
             break
-        a = _swing(stack, white, black, p, q, t, contrast, i - di, j - dj)
-        b = _swing(stack, white, black, p, q, t, contrast, i, j)
-        offset = np.float32(-1)
+        y, x = i, j
+        a = _swing(stack, white, black, p, q, t, contrast, scale, i - di, j - dj)
+        b = _swing(stack, white, black, p, q, t, contrast, scale, i, j)
         if (a > 0) == (b > 0):
             if abs(a) < abs(b):
                 if i < 2 * di or j < 2 * dj:
                     continue
-                a, b = _swing(stack, white, black, p, q, t, contrast, i - 2 * di, j - 2 * dj), a
-                offset = np.float32(-2)
+                y, x = i - di, j - dj
+                a, b = _swing(stack, white, black, p, q, t, contrast, scale, i - 2 * di, j - 2 * dj), a
             else:
                 if i + di >= contrast.shape[0] or j + dj >= contrast.shape[1]:
                     continue
-                a, b = b, _swing(stack, white, black, p, q, t, contrast, i + di, j + dj)
-                offset = np.float32(0)
+                y, x = i + di, j + dj
+                a, b = b, _swing(stack, white, black, p, q, t, contrast, scale, i + di, j + dj)
             if (a > 0) == (b > 0):
                 continue
-        slope = np.float32(1) / (a - b)
-        total += offset + a * slope
-        inverse += abs(slope)
+        full_a, full_b = np.float32(contrast[y - di, x - dj]), np.float32(contrast[y, x])
+        part, own = _between(a, b, full_a, full_b, noise)
+        total += np.float32((y - i) + (x - j) - 1) + part
+        variance += own
         count += np.float32(1)
     if count == 0:
         return np.float32(np.nan), np.float32(0)
-    return total / count, inverse / count
+    return total / count, variance / count
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
@@ -122,13 +156,6 @@ def _edges_between(before, here):  # type: ignore[no-untyped-def]  # numba infer
     return far >> 1, near >> 1
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _wider(step):  # type: ignore[no-untyped-def]  # numba infers
-    """Square of how many of the finest cells a cell is wide."""
-    wide = np.int64(step) & -np.int64(step)
-    return np.float32(wide * wide)
-
-
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _changes(before, here, found):  # type: ignore[no-untyped-def]  # numba infers
     """Where two lines differ: fills `found`, gives how many. Without a branch, which could not be foreseen."""
@@ -140,7 +167,7 @@ def _changes(before, here, found):  # type: ignore[no-untyped-def]  # numba infe
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _cross_all(pictures, before, here, contrast, found, count, i, first, down, far, near, position, inverse):  # type: ignore[no-untyped-def]  # numba infers
+def _cross_all(pictures, before, here, contrast, found, count, i, first, down, far, near, position, own):  # type: ignore[no-untyped-def]  # numba infers
     """Where the bits cross zero between neighbours that differ, all of a line at once.
 
     Apart from what is filled in between: so the processor waits for many places of many frames at the same time.
@@ -157,10 +184,10 @@ def _cross_all(pictures, before, here, contrast, found, count, i, first, down, f
         1 if the ones before lie above, 0 if they lie to the left.
     far, near : ndarray of int32, shape (count,)
         Out: `_edges_between`.
-    position, inverse : ndarray of float32, shape (count,)
+    position, own : ndarray of float32, shape (count,)
         Out: `_crossings` at the far edge.
     """
-    stack, white, black, plus, minus, tilt = pictures[:6]
+    stack, white, black, plus, minus, tilt, _, _, _, _, noise, scale = pictures
     single = plus.shape[1] == 1
     y, back = np.uintp(i), np.uintp(i - down)
     for c in range(count):
@@ -176,35 +203,34 @@ def _cross_all(pictures, before, here, contrast, found, count, i, first, down, f
         p, q, t = plus[at, 0], minus[at, 0], tilt[at, 0]
         if single and q >= 0:
             f, g, left = np.uintp(p), np.uintp(q), np.uintp(x - np.uintp(1 - down))
-            a = np.float32(np.int32(stack[f, back, left]) - np.int32(stack[g, back, left]))
-            b = np.float32(np.int32(stack[f, y, x]) - np.int32(stack[g, y, x]))
-            a, b = a - t * np.float32(contrast[back, left]), b - t * np.float32(contrast[y, x])
+            full_a, full_b = np.float32(contrast[back, left]), np.float32(contrast[y, x])
+            a = scale * np.float32(np.int32(stack[f, back, left]) - np.int32(stack[g, back, left])) - t * full_a
+            b = scale * np.float32(np.int32(stack[f, y, x]) - np.int32(stack[g, y, x])) - t * full_b
             if (a > 0) != (b > 0):
-                slope = np.float32(1) / (a - b)
-                position[c], inverse[c] = a * slope - np.float32(1), abs(slope)
+                part, own[c] = _between(a, b, full_a, full_b, noise)
+                position[c] = part - np.float32(1)
                 continue
-        position[c], inverse[c] = _crossings(
-            stack, white, black, plus, minus, tilt, contrast, begin, i, np.intp(x), down, 1 - down
+        position[c], own[c] = _crossings(
+            stack, white, black, plus, minus, tilt, contrast, scale, noise, begin, i, np.intp(x), down, 1 - down
         )
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def along_rows(pictures, steps, contrast, first, last, cells, fine, spread):  # type: ignore[no-untyped-def]  # numba infers
+def along_rows(pictures, steps, contrast, first, last, fine, spread):  # type: ignore[no-untyped-def]  # numba infers
     """Fill rows `first` to `last` of `fine` and `spread` where an axis grows along the image's rows.
 
-    Pixels without an edge on both sides get the middle of their cell. `cells` is the camera px over which the bend of
-    the map is taken.
+    Pixels without an edge on both sides get the middle of their cell. `spread` takes variances, negative where there
+    was no edge on both sides; `settle` makes standard uncertainties of them.
     """
-    stack, white, black, plus, minus, tilt, edge, middle, wide, unsure, noise, flat = pictures
+    stack, white, black, plus, minus, tilt, edge, middle, wide, unsure, noise, scale = pictures
     W = steps.shape[1]
     found, far, near = np.empty(W + 1, np.int32), np.empty(W + 1, np.int32), np.empty(W + 1, np.int32)
-    position, inverse = np.empty(W + 1, np.float32), np.empty(W + 1, np.float32)
-    variance = np.empty(W, np.float32)
+    position, own = np.empty(W + 1, np.float32), np.empty(W + 1, np.float32)
     one = np.float32(1)
     for i in range(first, last):
-        step, place, light = steps[i], fine[i], contrast[i]
+        step, place, light, variance = steps[i], fine[i], contrast[i], spread[i]
         count = _changes(step[:-1], step[1:], found)
-        _cross_all(pictures, step[:-1], step[1:], contrast, found, count, i, 1, 0, far, near, position, inverse)
+        _cross_all(pictures, step[:-1], step[1:], contrast, found, count, i, 1, 0, far, near, position, own)
         far[count] = -1
         start, known = 0, False
         behind, value, error = np.float32(0), np.float32(0), np.float32(0)
@@ -218,41 +244,39 @@ def along_rows(pictures, steps, contrast, first, last, cells, fine, spread):  # 
                 if known and length > 0 and j - start <= REACH and rise != 0:
                     filled = True
                     per = one / length
-                    e0, e1 = error * rise * per, noise * inverse[c] * rise * per
-                    rough = flat * _wider(here)
+                    whole = rise * per * rise * per
+                    e0, e1 = error * whole, own[c] * whole
                     for m in range(start, j):
                         share = min(max((np.float32(m) - behind) * per, np.float32(0)), one)
                         place[np.uintp(m)] = value + share * rise
-                        variance[np.uintp(m)] = ((one - share) * e0) ** 2 + (share * e1) ** 2 + rough
+                        variance[np.uintp(m)] = (one - share) * (one - share) * e0 + share * share * e1
             if not filled:
                 centre, width = middle[here], wide[here] * wide[here]
                 for m in range(start, j):
                     place[m] = centre
-                    variance[m] = width * unsure[light[m]]
+                    variance[m] = -width * unsure[light[m]]
             if c == count:
                 break
             known = False
             if begin >= 0:
-                at, slope = position[c], inverse[c]
+                at, each = position[c], own[c]
                 if near[c] != begin:  # the camera skips a cell: the edge behind the next run is another one
-                    at, slope = _crossings(stack, white, black, plus, minus, tilt, contrast, near[c], i, j, 0, 1)
+                    at, each = _crossings(
+                        stack, white, black, plus, minus, tilt, contrast, scale, noise, near[c], i, j, 0, 1
+                    )
                 known = at == at
-                behind, value, error = np.float32(j) + at, edge[near[c]], noise * slope
+                behind, value, error = np.float32(j) + at, edge[near[c]], each
             start = j
-        _root(variance, spread[i])
-        _add_bend(
-            place[: W - 2 * cells], place[cells : W - cells], place[2 * cells :], variance[cells:], spread[i, cells:]
-        )
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def along_columns(pictures, steps, contrast, first, last, cells, fine, spread):  # type: ignore[no-untyped-def]  # numba infers
+def along_columns(pictures, steps, contrast, first, last, fine, spread):  # type: ignore[no-untyped-def]  # numba infers
     """As `along_rows` for columns `first` to `last`, where an axis grows down the image."""
-    stack, white, black, plus, minus, tilt, edge, middle, wide, unsure, noise, flat = pictures
+    stack, white, black, plus, minus, tilt, edge, middle, wide, unsure, noise, scale = pictures
     H = steps.shape[0]
     size = last - first
     found, far, near = np.empty(size + 1, np.int32), np.empty(size, np.int32), np.empty(size, np.int32)
-    position, inverse = np.empty(size, np.float32), np.empty(size, np.float32)
+    position, own = np.empty(size, np.float32), np.empty(size, np.float32)
     start, known = np.zeros(size, np.int32), np.zeros(size, np.bool_)
     behind, value, error = np.zeros(size, np.float32), np.zeros(size, np.float32), np.zeros(size, np.float32)
     everywhere = np.arange(size).astype(np.int32)
@@ -261,7 +285,7 @@ def along_columns(pictures, steps, contrast, first, last, cells, fine, spread): 
         above, below = steps[i - 1, first:last], steps[min(i, H - 1), first:last]
         count = _changes(above, below, found) if i < H else size
         if i < H:
-            _cross_all(pictures, above, below, contrast, found, count, i, first, 1, far, near, position, inverse)
+            _cross_all(pictures, above, below, contrast, found, count, i, first, 1, far, near, position, own)
         else:
             far[:] = -1
         for c in range(count):
@@ -274,49 +298,128 @@ def along_columns(pictures, steps, contrast, first, last, cells, fine, spread): 
                 if known[n] and length > 0 and i - start[n] <= REACH and rise != 0:
                     filled = True
                     per = one / length
-                    e0, e1 = error[n] * rise * per, noise * inverse[c] * rise * per
-                    b, v, rough = behind[n], value[n], flat * _wider(here)
+                    whole = rise * per * rise * per
+                    e0, e1 = error[n] * whole, own[c] * whole
+                    b, v = behind[n], value[n]
                     for m in range(start[n], i):
                         share = min(max((np.float32(m) - b) * per, np.float32(0)), one)
                         fine[np.uintp(m), j] = v + share * rise
-                        spread[np.uintp(m), j] = ((one - share) * e0) ** 2 + (share * e1) ** 2 + rough
+                        spread[np.uintp(m), j] = (one - share) * (one - share) * e0 + share * share * e1
             if not filled:
                 centre, width = middle[here], wide[here] * wide[here]
                 for m in range(start[n], i):
                     fine[np.uintp(m), j] = centre
-                    spread[np.uintp(m), j] = width * unsure[contrast[np.uintp(m), j]]
+                    spread[np.uintp(m), j] = -width * unsure[contrast[np.uintp(m), j]]
             known[n] = False
             if begin >= 0:
-                at, slope = position[c], inverse[c]
+                at, each = position[c], own[c]
                 if near[c] != begin:
-                    at, slope = _crossings(
-                        stack, white, black, plus, minus, tilt, contrast, near[c], i, np.intp(j), 1, 0
+                    at, each = _crossings(
+                        stack, white, black, plus, minus, tilt, contrast, scale, noise, near[c], i, np.intp(j), 1, 0
                     )
                 known[n] = at == at
-                behind[n], value[n], error[n] = np.float32(i) + at, edge[near[c]], noise * slope
+                behind[n], value[n], error[n] = np.float32(i) + at, edge[near[c]], each
             start[n] = i
-    for i in range(H):
-        here = spread[i, first:last]
-        if cells <= i < H - cells:
-            _add_bend(fine[i - cells, first:last], fine[i, first:last], fine[i + cells, first:last], here, here)
-        else:
-            _root(here, here)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _root(variance, error):  # type: ignore[no-untyped-def]  # numba infers
+def settle(fine, spread, down, along, shared, first, last):  # type: ignore[no-untyped-def]  # numba infers
+    """Turn variances into standard uncertainties, in rows `first` to `last`: what noise does not explain is added.
+
+    One of `down` and `along` is the distance, camera px, over which the bend of the lines of positions is taken, the
+    other is 0. Neighbouring lines were found from other pixels: whatever misplaces them (noise, texture, relief finer
+    than a cell) shows in second differences across the lines, of which an independent error has a sixth in variance.
+    So has relief: a chord over a cell misses a rough surface by 0.15 of the second difference over half a cell.
+    Negative variances are whole: of pixels without edges. `shared` is the variance that no difference across the lines
+    shows (`subpixel`), projector px squared.
+    """
+    H, W = fine.shape
+    lag = min(max(1, (down + along + 1) // 2), MOST_LAG)
+    scatter = np.zeros(W, np.float32)
+    for top in range(first, last, TILE):
+        bottom = min(top + TILE, last)
+        _scatter(fine, spread, top, bottom, lag if along else 0, 0 if along else lag, scatter)
+        scatter += shared
+        for i in range(top, bottom):
+            low, high = along, W - along
+            if not down <= i < H - down or high < low:
+                low, high = W, W
+            _root(scatter[:low], spread[i, :low])
+            if high > low:
+                before, after = fine[i - down, low - along : high - along], fine[i + down, low + along : high + along]
+                _add_bend(before, fine[i, low:high], after, scatter[low:high], spread[i, low:high])
+            _root(scatter[high:], spread[i, high:])
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _root(scatter, error):  # type: ignore[no-untyped-def]  # numba infers
     for n in range(error.size):
-        error[n] = np.sqrt(variance[n])
+        error[n] = np.sqrt(abs(error[n]) + (scatter[n] if error[n] > 0 else np.float32(0)))
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _add_bend(before, here, after, variance, error):  # type: ignore[no-untyped-def]  # numba infers
-    """Roots of the variances and of what the bend of a line of positions adds to them."""
-    share, one, none = np.float32(BEND * BEND), np.float32(1), np.float32(0)
-    for n in range(before.size):
+def _add_bend(before, here, after, scatter, error):  # type: ignore[no-untyped-def]  # numba infers
+    share, one, none = np.float32(BEND), np.float32(1), np.float32(0)
+    for n in range(error.size):
         bend = before[n] - np.float32(2) * here[n] + after[n]
         # beyond a cell it is no bend but an edge of the surface; NaN is neither
-        error[n] = np.sqrt(variance[n] + (share * bend * bend if abs(bend) < one else none))
+        more = scatter[n] + (share * bend * bend if abs(bend) < one else none)
+        error[n] = np.sqrt(abs(error[n]) + (more if error[n] > 0 else none))
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _scatter(fine, spread, top, bottom, down, along, scatter):  # type: ignore[no-untyped-def]  # numba infers
+    """Variance, per column of a band of tiles, by which positions scatter across lines more than their noise explains.
+
+    Some lines will do. Twice: what is far beyond the mean of the first time is an edge of the surface.
+    """
+    size = fine.shape[1]
+    inner = max(size - 2 * along, 0)
+    limit = np.ones(size, np.float32)  # beyond a cell it is one for sure
+    total, noise, count = np.zeros(size, np.float32), np.zeros(size, np.float32), np.zeros(size, np.float32)
+    tiles = (size + TILE - 1) // TILE
+    sums = np.zeros((3, tiles + 2), np.float32)
+    for turn in range(2):
+        total[:], noise[:], count[:], sums[:] = 0, 0, 0, 0
+        for i in range(top + down, bottom - down, LINES):
+            _second(
+                fine[i - down, :inner],
+                fine[i, along : along + inner],
+                fine[i + down, 2 * along : 2 * along + inner],
+                spread[i - down, :inner],
+                spread[i, along : along + inner],
+                spread[i + down, 2 * along : 2 * along + inner],
+                limit, total, noise, count,
+            )  # fmt: skip
+        for t in range(tiles):
+            first, last = t * TILE, min((t + 1) * TILE, size)
+            sums[0, t + 1] = total[first:last].sum()
+            sums[1, t + 1] = noise[first:last].sum()
+            sums[2, t + 1] = count[first:last].sum()
+        all_total, all_noise, all_count = sums[0].sum(), sums[1].sum(), sums[2].sum()
+        for t in range(tiles):
+            first, last = t * TILE, min((t + 1) * TILE, size)
+            a, b, c = sums[0, t : t + 3], sums[1, t : t + 3], sums[2, t : t + 3]
+            seen = c[0] + c[1] + c[1] + c[2]
+            mean, own = all_total / max(all_count, np.float32(1)), all_noise / max(all_count, np.float32(1))
+            if seen >= FEW:
+                mean, own = (a[0] + a[1] + a[1] + a[2]) / seen, (b[0] + b[1] + b[1] + b[2]) / seen
+            if turn == 0:
+                limit[first:last] = min(FAR * mean, np.float32(1))
+            else:
+                scatter[first:last] = max(np.float32(SCATTER) * mean * mean - own * np.float32(1 / 6), np.float32(0))
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _second(before, here, after, own_before, own_here, own_after, limit, total, noise, count):  # type: ignore[no-untyped-def]  # numba infers
+    """Add up absolute second differences below the limits, and the variances that noise alone would give them."""
+    one, none, four = np.float32(1), np.float32(0), np.float32(4)
+    for n in range(here.size):
+        bend = abs(before[n] - here[n] - here[n] + after[n])
+        good = (bend <= limit[n]) & (own_before[n] > none) & (own_here[n] > none) & (own_after[n] > none)
+        total[n] += bend if good else none
+        noise[n] += own_before[n] + four * own_here[n] + own_after[n] if good else none
+        count[n] += one if good else none
 
 
 @nb.njit(cache=True, nogil=True)

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from .cells import AxisCells, Cells, spread_of_contrast
 from .decode import decode
-from .edge_kernels import REACH, Pictures, along_columns, along_rows
+from .edge_kernels import REACH, TILE, Pictures, along_columns, along_rows, settle
 from .frames import Frames
 from .light import ROUNDING, Light, frame_indices, frame_of, read_light
 from .patterns import AXES
@@ -19,11 +19,9 @@ from .threshold import edge_levels
 
 __all__ = ["every", "line_pictures", "locate", "raster", "refine"]
 
-# What the frames' noise does not explain, projector px: flicker of the light leaves FLAT_PX, and a straight line
-# through an edge that is not straight BENT_PX times the square of projector px per camera px (cells that the camera
-# hardly resolves; of the whole capture: the local one is measured between the very edges that may be misplaced).
-# Read off a rendered capture with known answers.
-FLAT_PX, BENT_PX = 0.02, 0.12
+SETTLED = 8 * TILE  # image rows whose uncertainties are settled at once: whole tiles, whatever the number of cores
+LINES = 6  # of the image, that tell what neighbouring lines share
+FEW = 200
 RUNS = 24  # of 64 pixels, which the light is read from
 
 HalfSteps = npt.NDArray[np.uint16]
@@ -43,6 +41,9 @@ def refine(frames: Frames, decoded: Decoded) -> Decoded:
     flips there crosses zero, to a fraction of a camera pixel; between them the position is linear. Pixels without an
     edge on both sides keep the middle of their cell and its sigma. Stripes and phase sets are placed by `decode`
     already and left alone.
+
+    Sigma is what the frames' noise does to the edges, what the profile of an edge leaves open (`edge_kernels`), and
+    what the positions themselves show: how they scatter from line to line, and how they bend along a line.
 
     White stripes look wider than black ones through gamma and blur. Pattern minus inverse does not know it: at the end
     of a stripe both are as bright, whatever the curve. Without inverses the level of the edges is measured
@@ -93,9 +94,12 @@ def _between_edges(
     run = along_columns if down else along_rows
 
     def slab(first: int, last: int) -> None:
-        run(pictures, steps, decoded.contrast, first, last, reach, place, sigma)
+        run(pictures, steps, decoded.contrast, first, last, place, sigma)
 
     in_slabs(steps.shape[1 if down else 0], slab)
+    lags = (reach, 0) if down else (0, reach)
+    shared = np.float32(_shared_by_lines(place, sigma, down, reach))
+    in_slabs(len(steps), lambda first, last: settle(place, sigma, *lags, shared, first, last), step=SETTLED)
 
 
 def every(steps: HalfSteps) -> HalfSteps:
@@ -150,13 +154,13 @@ def line_pictures(
         black=frame_of(patterns, "black"),
         plus=np.where(none, -1, plus[axis][cells.flips]).astype(np.int32),
         minus=np.where(none, -1, minus[axis][cells.flips]).astype(np.int32),
-        tilt=(scale * tilt)[cells.flips].astype(np.float32),
+        tilt=tilt[cells.flips].astype(np.float32),
         edge=cells.edge,
         centre=centre,
         width=cells.widths(),
         unsure=np.square(unsure),
-        noise=np.float32(noise * np.sqrt(2 if patterns.complementary else 6)),
-        flat=np.float32(FLAT_PX**2 + (BENT_PX * density**2) ** 2),
+        noise=np.float32((noise / scale) ** 2 * (2 if patterns.complementary else 6)),
+        scale=np.float32(1 / scale),
     )
     return down, pictures, max(0, min(round(1 / max(density, 1e-3)), REACH, (min(shape) - 1) // 2))
 
@@ -171,3 +175,27 @@ def _growth(coarse: Floats, skip: list[int]) -> tuple[bool, float]:
             change = change[change <= np.quantile(change, 0.98)]
         growth.append(float(change.mean()) / skip[axis] if len(change) else 0.0)
     return growth[1] > growth[0], max(growth)
+
+
+def _shared_by_lines(place: Floats, variance: Floats, down: bool, cell: int) -> float:
+    """Variance of positions that neighbouring lines share, projector px squared: what moves an edge all along.
+
+    Sharper edges than the pixels resolve, and light that flickers, displace an edge in all lines alike where it runs
+    across them. Second differences along the lines show it, over a cell, and those across do not; relief and noise are
+    in both. Independent errors of edges show in such a difference with four times the variance that positions get.
+    Medians, of the whole capture: surfaces break off. 0 if the differences along are no larger.
+    """
+    if down:
+        place, variance = place.T, variance.T
+    lines, length = place.shape
+    if cell < 1 or lines <= 2 * cell or length <= 2 * cell:
+        return 0.0
+    at = np.linspace(cell, lines - cell - 1, min(LINES, lines - 2 * cell)).astype(np.int64)
+    here = np.where(variance[at] > 0, place[at], np.float32(np.nan))
+    along = np.abs(here[:, : -2 * cell] - 2 * here[:, cell:-cell] + here[:, 2 * cell :])
+    across = np.abs(place[at - cell] - 2 * here + place[at + cell])[:, cell:-cell]
+    known = np.isfinite(along) & np.isfinite(across)
+    if known.sum() < FEW:
+        return 0.0
+    a, b = (float(np.median(values[known])) / 0.6745 for values in (along, across))
+    return max(a * a - b * b, 0.0) / 4

@@ -1,0 +1,91 @@
+"""Sigma of single pixels against the closed form: what is said is what is wrong, in bins of sigma, and over repeats."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from monitor.rigs import SimulatedRig
+from monitor.rigs.optics_model import paper_optics
+from pipelines import Calibration, PatternSet, PointMap, parse_instant
+from pipelines.reconstruction import reconstruct
+from pipelines.scenes import SCENES
+
+CAMERA = (960, 720)
+NOON = parse_instant("2026-11-22T12:00:00Z")
+GRAY = PatternSet("gray", (608, 684))
+Floats = npt.NDArray[np.float64]
+
+
+@cache
+def geometry() -> Calibration:
+    """The optics of the rig themselves: sigma then is of decoding alone, no calibration's error in it."""
+    optics = paper_optics(CAMERA)
+    camera, projector = optics.camera, optics.projector
+    turn = projector.R @ camera.R.T
+    to_scene = np.column_stack([camera.R.T, camera.centre_mm])
+    return Calibration(
+        camera.lens, projector.lens, turn, projector.t_mm - turn @ camera.t_mm, to_scene, {"stereo": 0.0}
+    )
+
+
+@cache
+def measured(scene: str, number: int, age_h: float = 0.0, **options: Any) -> PointMap:
+    rig = SimulatedRig(
+        camera=CAMERA,
+        scene=scene,
+        scene_options=options,
+        drift_mm=0.0,
+        seed=41,
+        started=str(NOON - np.timedelta64(int(age_h), "h")) + "Z",
+    )
+    rig.open()
+    return reconstruct(rig.capture(GRAY, NOON + np.timedelta64(number, "s")), geometry())
+
+
+def errors(points: PointMap, scene: str, age_h: float = 0.0, **options: Any) -> tuple[Floats, Floats]:
+    """Height errors and sigmas, mm."""
+    frame = geometry().reference
+    x, y, z = (points.xyz[points.valid].astype(np.float64) @ frame[:, :3].T + frame[:, 3]).T
+    return z - SCENES[scene](**options).at(x, y).height(age_h), points.sigma_z[points.valid].astype(np.float64)
+
+
+def robust_sd(values: Floats) -> float:
+    return float(1.4826 * np.median(np.abs(values - np.median(values))))
+
+
+@pytest.mark.parametrize(
+    ("scene", "age_h", "options"),
+    [
+        ("plane", 0.0, {"z_mm": 0.4, "slope_x": -0.05, "slope_y": 0.03}),
+        ("soil", 48.0, {"seed": 23}),
+    ],
+)
+def test_sigma_is_true_in_bins_of_sigma(scene: str, age_h: float, options: dict[str, Any]) -> None:
+    error, sigma = errors(measured(scene, 0, age_h, **options), scene, age_h, **options)
+    parts = np.array_split(np.argsort(sigma), 8)[:-1]  # the last holds pixels without an edge to either side
+    ratios = [robust_sd(error[part] / sigma[part]) for part in parts]
+    print(
+        f"{scene}: error {1000 * robust_sd(error):.2f} um, sigma {1000 * np.median(sigma):.2f} um, "
+        f"in bins of sigma {np.round(ratios, 2)}"
+    )
+    assert np.allclose(ratios, 1, atol=0.2)
+
+
+def test_repeats_scatter_as_sigma_says() -> None:
+    """A plane, the same place, new noise and new flicker: nothing but decoding differs between the captures."""
+    options = {"z_mm": 0.1, "slope_x": 0.02, "slope_y": 0.05}
+    maps = [measured("plane", number, **options) for number in range(1, 7)]
+    both = np.logical_and.reduce([points.valid for points in maps])
+    depth = np.stack([points.xyz[..., 2][both] for points in maps]).astype(np.float64)
+    sigma = np.sqrt(np.mean([points.sigma_z[both].astype(np.float64) ** 2 for points in maps], axis=0))
+    spread = depth.std(axis=0, ddof=1)
+    parts = np.array_split(np.argsort(sigma), 5)[:-1]
+    # the median of a standard deviation of 6 is 0.933 of the true one
+    ratios = [float(np.median(spread[part] / sigma[part])) / 0.933 for part in parts]
+    print(f"repeats: sd {1000 * np.median(spread):.3f} um, over sigma {np.round(ratios, 2)}")
+    assert np.allclose(ratios, 1, atol=0.2)
