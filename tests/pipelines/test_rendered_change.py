@@ -105,7 +105,7 @@ def test_the_crack_widens_as_it_did(rendered: Rendered, shared_data: Path) -> No
 def test_the_left_edge_turns_up_as_it_did(rendered: Rendered, shared_data: Path) -> None:
     """Slope of the edge band of the left plate, piece by piece of 0.4 mm, against the truth's tip angle.
 
-    The mean over the edge is right; a piece has the slopes of its own grains, too (8 degrees, as the true surface has).
+    The mean over the edge is right; a piece has the slopes of its own grains, too, as the true surface has.
     """
     grid = rendered.before.grid
     x, y = np.meshgrid(grid.x_mm, grid.y_mm)
