@@ -34,7 +34,9 @@ class MemoryRig:
         pass
 
 
-def video_campaign(folder: Path, rig: Calibration, patterns: PatternSet, rate_hz: float, length: str) -> Campaign:
+def video_campaign(
+    folder: Path, rig: Calibration, patterns: PatternSet, rate_hz: float, length: str, commit_every_s: float = 5.0
+) -> Campaign:
     """Make a campaign with the video recipe: change, volumes and the store, on the camera's own pitch."""
     (folder / "calibration.json").write_text(rig.to_json(), encoding="utf-8")
     return Campaign.model_validate(
@@ -42,7 +44,7 @@ def video_campaign(folder: Path, rig: Calibration, patterns: PatternSet, rate_hz
             "site": {"name": "video"},
             "store": {"path": "video.icechunk"},
             "rig": {"name": "simulated"},
-            "schedule": {"video": {"rate_hz": rate_hz, "for": length, "commit_every_s": 5}},
+            "schedule": {"video": {"rate_hz": rate_hz, "for": length, "commit_every_s": commit_every_s}},
             "patterns": patterns.as_mapping(),
             "calibration": {"file": "calibration.json"},
             "metrics": ["net_volume", "gained_volume", "lost_volume"],
