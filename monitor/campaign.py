@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
-import os
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from datetime import timedelta
-from pathlib import Path
 from threading import Event as Flag
 
 import numpy as np
 
 from configs import Campaign, InputError
-from pipelines import Calibration, Frames, Grid, Instant, PatternSet, format_instant
+from pipelines import Calibration, Frames, Grid, Instant, PatternSet
 from storage import (
     Inbox,
     Ledger,
@@ -36,24 +31,15 @@ from .environment import Reading, make_sensor, units_of
 from .health_log import HealthKeeper, HealthLog, health_file
 from .loop import Loop, Outcome, Settled
 from .notify import notifier_of
+from .recipe import campaign_hash, make_recipe, read_calibration, read_pattern_set, rig_of
 from .resume import resume_slots
-from .rigs import BOARD, Rig, calibration_captures, make_rig, rig_options
+from .rigs import Rig
 from .scheduler import grace_of
 from .slot_rules import slot_rules_of
-from .visit import Epoch, Mask, Recipe, Yield, visit
+from .visit import Epoch, Recipe, Yield, visit
 from .warm_up import warm_up
 
-__all__ = [
-    "UNTRUSTED",
-    "campaign_hash",
-    "make_recipe",
-    "masks_of",
-    "read_calibration",
-    "read_pattern_set",
-    "rig_of",
-    "run_campaign",
-    "simulated_calibration_file",
-]
+__all__ = ["UNTRUSTED", "run_campaign"]
 
 UNTRUSTED = "locks and syncs of a network folder cannot be trusted; keep the store on a local disk or on S3"
 
@@ -201,115 +187,6 @@ def run_campaign(
         return loop.run(max_scans)
 
 
-def read_pattern_set(campaign: Campaign) -> PatternSet:
-    """Give what a campaign projects: its own pattern set, that of its pattern file, or 10-bit Gray code on 608x684.
-
-    Raises
-    ------
-    InputError
-        If it is no pattern set.
-    """
-    from storage import read_patterns
-
-    if campaign.patterns is None:
-        return PatternSet(kind="gray", size=(608, 684))
-    if isinstance(campaign.patterns, Path):
-        return read_patterns(campaign.patterns)
-    try:
-        return PatternSet.from_mapping(dict(campaign.patterns))
-    except ValueError as error:
-        raise InputError(f"patterns: {error}") from None
-
-
-def read_calibration(
-    campaign: Campaign, patterns: PatternSet, at: Instant, tell: Callable[[str], None] = lambda what: None
-) -> Calibration:
-    """Read a campaign's calibration, or let the simulated rig make it once and keep it beside the store.
-
-    Raises
-    ------
-    InputError
-        If the file is not there or is no calibration.
-    """
-    file = campaign.calibration.file
-    if file is not None:
-        return _calibration_of(file)
-    kept = simulated_calibration_file(campaign, patterns)
-    if kept.exists():
-        return _calibration_of(kept)
-    from pipelines.reconstruction import Board, calibrate
-
-    tell("the simulated rig calibrates itself on its simulated board")
-    captures = calibration_captures(campaign.rig.options, patterns, at)
-    board = Board(BOARD.inner_corners, BOARD.square_mm)
-    calibration = calibrate(captures, board, software=f"microrelief {__version__}")
-    kept.parent.mkdir(parents=True, exist_ok=True)
-    part = kept.with_name(f"{kept.name}.{os.getpid()}.part")
-    part.write_text(calibration.to_json(), encoding="utf-8")
-    part.replace(kept)  # whole or not at all, whoever is killed meanwhile
-    return calibration
-
-
-def simulated_calibration_file(campaign: Campaign, patterns: PatternSet) -> Path:
-    """Where a simulated rig's calibration is kept: another rig or other patterns have another file."""
-    options = {name: value for name, value in campaign.rig.options.items() if name != "faults"}
-    made_of = {"options": options, "patterns": patterns.as_mapping()}
-    name = Path(campaign.store.path).stem
-    return campaign.store.beside / f"{name}.calibration-{_hash(made_of)[:8]}.json"
-
-
-def make_recipe(campaign: Campaign, patterns: PatternSet, calibration: Calibration, grid: Grid) -> Recipe:
-    """Give what is done with every capture of a campaign."""
-    stable, region = masks_of(campaign, grid)
-    kept = campaign.retain.raw_frames
-    return Recipe(
-        patterns,
-        calibration,
-        grid,
-        stable,
-        region,
-        campaign.metrics,
-        campaign.alarms,
-        remove_background=campaign.reconstruct.remove_background,
-        keep_frames=kept != "off",
-        frames_for=np.timedelta64(kept, "ns") if isinstance(kept, timedelta) else None,
-    )
-
-
-def masks_of(campaign: Campaign, grid: Grid) -> tuple[Mask, Mask]:
-    """Give the cells that hold still and those that count, each None where the campaign names none."""
-    from pipelines.change import polygon_mask
-
-    stable = polygon_mask(campaign.register_.stable_mm, grid) if campaign.register_.stable_mm else None
-    region = polygon_mask((campaign.region_mm,), grid) if campaign.region_mm is not None else None
-    for mask, key in ((stable, "register.stable_mm"), (region, "region_mm")):
-        if mask is not None and not mask.any():
-            x_low, x_high, y_low, y_high = grid.extent_mm
-            raise InputError(
-                f"{key} holds no cell: the height map reaches from {x_low:.2f} to {x_high:.2f} mm in x and "
-                f"from {y_low:.2f} to {y_high:.2f} mm in y"
-            )
-    return stable, region
-
-
-def campaign_hash(campaign: Campaign, patterns: PatternSet) -> str:
-    """Hash of everything in a campaign that numbers depend on: not of where its files lie."""
-    settings = campaign.model_dump(mode="json", by_alias=True, exclude={"store", "patterns", "calibration", "notify"})
-    return _hash({**settings, "patterns": patterns.as_mapping()})
-
-
-def rig_of(campaign: Campaign, store: Store | None) -> Rig:
-    """Make a campaign's rig; a scene that ages goes on from the first scan of its store, however often it is restarted.
-
-    Such a rig has an option `started`; what the campaign gives there goes before.
-    """
-    options = dict(campaign.rig.options)
-    ages = "started" in rig_options(campaign.rig.name) and options.get("started") is None
-    if ages and store is not None and len(store):
-        options["started"] = format_instant(store[0].scan.time)
-    return make_rig(campaign.rig.name, options)
-
-
 def _hurried(campaign: Campaign) -> bool:
     every = campaign.schedule.every
     return campaign.schedule.video is not None or (every is not None and every.total_seconds() < UNHURRIED_S)
@@ -391,22 +268,3 @@ def _grid_of(store: Store) -> Grid:
     if grid is None:
         raise InputError(f"{store.about.location} has no grid: give store.path another name")
     return grid
-
-
-def _calibration_of(file: Path) -> Calibration:
-    try:
-        return Calibration.from_json(file.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(
-            f"no calibration {file}: make it with "
-            f"`microrelief calibrate POSE_DIR... --board COLUMNSxROWS --square-mm MM --out {file}`"
-        ) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"calibration {file} cannot be read: {error}") from None
-    except ValueError as error:
-        raise InputError(f"{file} is no calibration: {error}") from None
-
-
-def _hash(value: object) -> str:
-    text = json.dumps(value, sort_keys=True, separators=(",", ":"), default=str)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]

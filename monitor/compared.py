@@ -15,9 +15,9 @@ from configs import ConfigError, InputError, MicroreliefError
 from pipelines import Grid, Scan, format_instant
 from storage import open_store, store_exists
 
-from .campaign import masks_of
 from .check import load_checked
 from .commands.export import nearest_scan
+from .recipe import masks_of
 from .reprocess import campaign_of
 from .surfaces import read_surfaces
 

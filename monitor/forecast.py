@@ -15,8 +15,8 @@ from pipelines import Instant, PatternSet, as_datetime, format_instant
 from storage import BYTES_PER_CELL, used_bytes
 
 from .alarms import explained
-from .campaign import read_pattern_set, simulated_calibration_file
 from .environment import source_of
+from .recipe import read_pattern_set, simulated_calibration_file
 from .resume import resume_point
 from .scheduler import Slots, grace_of, slots_between
 

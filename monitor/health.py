@@ -18,11 +18,12 @@ from storage import network_file_system, open_store, store_exists
 
 from . import __version__
 from .alarms import explained
-from .campaign import UNTRUSTED, read_pattern_set, simulated_calibration_file
+from .campaign import UNTRUSTED
 from .clock import RealClock
 from .environment import Sensor, make_sensor
 from .forecast import bytes_per_scan, format_bytes
 from .notify import read_targets, send_test
+from .recipe import read_pattern_set, simulated_calibration_file
 from .rigs import DevicesRig, make_rig, measure_delay
 from .system_libraries import missing_library
 

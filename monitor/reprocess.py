@@ -18,7 +18,7 @@ from storage import Rework, ScanTable, Spread, Store, open_store
 
 from . import __version__
 from .alarms import Watches, after_gap, after_scan, gaps_in, remembered_at, seen_in, states_of, told
-from .campaign import campaign_hash, masks_of, read_pattern_set
+from .recipe import campaign_hash, masks_of, read_pattern_set
 from .visit import Finding, Mask, Recipe, compare_with, judged, make_scan, remarks
 
 if TYPE_CHECKING:

@@ -16,9 +16,9 @@ from pipelines import Comparison, Event, Tick
 from storage import Store, open_store, whole_file
 
 from .. import __version__
-from ..campaign import masks_of
 from ..clock import RealClock
 from ..progress import progress
+from ..recipe import masks_of
 from ..reprocess import campaign_of
 from .process import scan_number
 

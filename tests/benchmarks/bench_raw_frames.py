@@ -15,7 +15,7 @@ import numpy.typing as npt
 from numcodecs import Blosc
 
 from configs import load_campaign
-from monitor.campaign import read_pattern_set
+from monitor.recipe import read_pattern_set
 from monitor.rigs import make_rig
 from storage import read_capture
 

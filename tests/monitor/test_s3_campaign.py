@@ -61,7 +61,7 @@ def test_run_status_report_and_review(tmp_path: Path, s3_prefix: str, capsys: Ca
 
 
 def test_a_simulated_rig_keeps_its_calibration_with_the_campaign(tmp_path: Path) -> None:
-    from monitor.campaign import read_pattern_set, simulated_calibration_file
+    from monitor.recipe import read_pattern_set, simulated_calibration_file
 
     kept = simulated_campaign_in(tmp_path, "2026-01-02T00:00:00+00:00").model_dump(mode="json", exclude_defaults=True)
     kept["register"] = kept.pop("register_")
