@@ -12,11 +12,9 @@ import numpy as np
 from configs import StoreError
 from pipelines import Calibration, Event, Frames, Grid, Instant, Tick, format_instant, parse_instant
 
-from .binned import rows_of_bins
 from .layout import (
     CELLS_OF_CHANGE,
     CELLS_OF_SCAN,
-    NOISE,
     SCHEMA,
     add_metric,
     grid_of,
@@ -29,22 +27,18 @@ from .layout import (
 from .location import BRANCH, Location, Lock
 from .order import Place, Tail, described, place_all
 from .packing import HeightType
-from .raw_frames import FRAMES, let_go, read_frames, rows_of_frames
+from .raw_frames import FRAMES, read_frames
 from .records import (
     read_change,
     read_events,
     read_scan,
-    rows_of_calibration,
-    rows_of_change,
-    rows_of_events,
-    rows_of_metrics,
-    rows_of_scan,
     tail_of,
 )
 from .repository import check_whole, create_repository, newest_whole, open_repository, reason, root_of
 from .rows import Known, read_row, write_rows
 from .series import frame_of
 from .store import About, Stored
+from .tick_rows import rows_of_tick
 from .wholeness import read_newest
 
 if TYPE_CHECKING:
@@ -314,21 +308,7 @@ class IcechunkStore:
         self._attach(snapshot, known)
 
     def _write(self, root: Any, known: Known, tick: Tick, where: Place) -> None:
-        rows = rows_of_events(root["events/time"].shape[0], where.events)
-        if where.number is not None:
-            rows += rows_of_scan(where, tick, self._height_type)
-            rows += rows_of_change(where.number, tick, self._height_type)
-            rows += rows_of_metrics(where.number, tick, self._about.metrics)
-            rows += rows_of_bins(root["binned"], where.number, tick)
-        if tick.calibration is not None:
-            rows += rows_of_calibration(root, tick.calibration)
-        if tick.noise is not None:
-            root.attrs[NOISE] = tick.noise.to_json()
-        if tick.frames is not None:
-            rows += rows_of_frames(root, where.number, tick.frames)
-        if tick.frames_since is not None:
-            let_go(root, tick.frames_since)
-        write_rows(root.store, rows, known)
+        write_rows(root.store, rows_of_tick(root, tick, where, self._height_type, self._about.metrics), known)
 
     def _add_metrics(self, new: dict[str, str]) -> None:
         def write(root: Any, _: Known) -> None:
