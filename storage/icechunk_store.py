@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -363,7 +363,7 @@ class IcechunkStore:
             self._opened = root_of(self._session)
         return self._opened
 
-    def _load(self) -> tuple[About, str, Tail]:
+    def _load(self) -> tuple[About, HeightType, Tail]:
         """Read the store's facts, how it packs heights, and its tail."""
         attributes = dict(self._root.attrs)
         about = About(
@@ -378,4 +378,4 @@ class IcechunkStore:
             metrics=metrics_of(self._root["metrics"]),
         )
         height = self._root["scans/height"]
-        return about, str(height.dtype), tail_of(self._session.store, height.shape[0], self._known)
+        return about, cast(HeightType, str(height.dtype)), tail_of(self._session.store, height.shape[0], self._known)
