@@ -122,7 +122,8 @@ def _shared_by_lines(fine: OnCard, variance: OnCard, down: bool, cell: int) -> f
         return 0.0
     some = empty((4, len(at), length), np.float32)
     launch(_pick, len(at) * length, fine, variance, up(at), down, cell, some)
-    return shared_by(*some.copy_to_host(), cell)
+    before, here, after, own = some.copy_to_host()
+    return shared_by(before, here, after, own, cell)
 
 
 @kernel
@@ -257,8 +258,8 @@ def _sum_tiles(columns, sums):  # type: ignore[no-untyped-def]  # a kernel: numb
     for n in range(cuda.grid(1), sums.shape[0] * tiles, cuda.gridsize(1)):
         band, t = n // tiles, n % tiles
         first, last = max(t - 1, 0) * TILE, min(t * TILE, W)
+        there = 0 < t < tiles - 1
         for part in range(3):
-            there = 0 < t < tiles - 1
             sums[band, part, t] = _sum_of(columns[band, part, first:last]) if there else np.float32(0)
 
 
@@ -283,7 +284,8 @@ def _settle(fine, spread, lags, scatter, shared):  # type: ignore[no-untyped-def
     di, dj = lags
     for n in range(cuda.grid(1), fine.size, cuda.gridsize(1)):
         i, j = n // W, n % W
-        more, own = cuda.local.array(1, float32), spread[i, j : j + 1]
+        more = cuda.local.array(1, float32)
+        own = spread[i, j : j + 1]
         more[0] = scatter[i // TILE, j] + shared
         if di <= i < H - di and dj <= j < W - dj:
             before, after = fine[i - di, j - dj : j - dj + 1], fine[i + di, j + dj : j + dj + 1]
