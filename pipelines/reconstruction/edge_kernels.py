@@ -334,11 +334,11 @@ def settle(fine, spread, down, along, shared, first, last):  # type: ignore[no-u
     shows (`subpixel`), projector px squared.
     """
     H, W = fine.shape
-    lag = min(max(1, (down + along + 1) // 2), MOST_LAG)
+    across = lags_across(down, along)
     scatter = np.zeros(W, np.float32)
     for top in range(first, last, TILE):
         bottom = min(top + TILE, last)
-        _scatter(fine, spread, top, bottom, lag if along else 0, 0 if along else lag, scatter)
+        _scatter(fine, spread, top, bottom, across[0], across[1], scatter)
         scatter += shared
         for i in range(top, bottom):
             low, high = along, W - along
@@ -349,6 +349,13 @@ def settle(fine, spread, down, along, shared, first, last):  # type: ignore[no-u
                 before, after = fine[i - down, low - along : high - along], fine[i + down, low + along : high + along]
                 _add_bend(before, fine[i, low:high], after, scatter[low:high], spread[i, low:high])
             _root(scatter[high:], spread[i, high:])
+
+
+@nb.njit(cache=True, nogil=True)
+def lags_across(down, along):  # type: ignore[no-untyped-def]  # numba infers
+    """Half the distance, camera px down and along, over which second differences across the lines are taken."""
+    lag = min(max(1, (down + along + 1) // 2), MOST_LAG)
+    return (lag, 0) if along else (0, lag)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -393,21 +400,49 @@ def _scatter(fine, spread, top, bottom, down, along, scatter):  # type: ignore[n
             )  # fmt: skip
         for t in range(tiles):
             first, last = t * TILE, min((t + 1) * TILE, size)
-            sums[0, t + 1] = total[first:last].sum()
-            sums[1, t + 1] = noise[first:last].sum()
-            sums[2, t + 1] = count[first:last].sum()
-        all_total, all_noise, all_count = sums[0].sum(), sums[1].sum(), sums[2].sum()
+            sums[0, t + 1] = _sum_of(total[first:last])
+            sums[1, t + 1] = _sum_of(noise[first:last])
+            sums[2, t + 1] = _sum_of(count[first:last])
+        band = _sum_of(sums[0]), _sum_of(sums[1]), _sum_of(sums[2])
         for t in range(tiles):
             first, last = t * TILE, min((t + 1) * TILE, size)
-            a, b, c = sums[0, t : t + 3], sums[1, t : t + 3], sums[2, t : t + 3]
-            seen = c[0] + c[1] + c[1] + c[2]
-            mean, own = all_total / max(all_count, np.float32(1)), all_noise / max(all_count, np.float32(1))
-            if seen >= FEW:
-                mean, own = (a[0] + a[1] + a[1] + a[2]) / seen, (b[0] + b[1] + b[1] + b[2]) / seen
+            mean, own = _usual(sums, t, band)
             if turn == 0:
-                limit[first:last] = min(FAR * mean, np.float32(1))
+                limit[first:last] = _limit(mean)
             else:
-                scatter[first:last] = max(np.float32(SCATTER) * mean * mean - own * np.float32(1 / 6), np.float32(0))
+                scatter[first:last] = _unexplained(mean, own)
+
+
+@nb.njit(cache=True, nogil=True)
+def _sum_of(values):  # type: ignore[no-untyped-def]  # numba infers
+    """Sum in single precision, one after the other: the same on every device."""
+    total = np.float32(0)
+    for n in range(values.size):
+        total += values[n]
+    return total
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _usual(sums, t, band):  # type: ignore[no-untyped-def]  # numba infers
+    """Mean second difference, and variance by noise, of tile `t` and half its neighbours; of the `band` if few."""
+    a, b, c = sums[0], sums[1], sums[2]  # a tile more at either end: tile t is at t + 1
+    seen = c[t] + c[t + 1] + c[t + 1] + c[t + 2]
+    if seen >= FEW:
+        return (a[t] + a[t + 1] + a[t + 1] + a[t + 2]) / seen, (b[t] + b[t + 1] + b[t + 1] + b[t + 2]) / seen
+    every = max(band[2], np.float32(1))
+    return band[0] / every, band[1] / every
+
+
+@nb.njit(cache=True, nogil=True)
+def _limit(mean):  # type: ignore[no-untyped-def]  # numba infers
+    """What a second difference may be at most; beyond it is an edge of the surface."""
+    return np.float32(min(FAR * mean, np.float32(1)))
+
+
+@nb.njit(cache=True, nogil=True)
+def _unexplained(mean, own):  # type: ignore[no-untyped-def]  # numba infers
+    """Variance of a position that second differences show, and noise does not explain."""
+    return max(np.float32(SCATTER) * mean * mean - own * np.float32(1 / 6), np.float32(0))
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

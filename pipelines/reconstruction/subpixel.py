@@ -17,7 +17,7 @@ from .pixel_maps import Decoded
 from .slabs import in_slabs
 from .threshold import edge_levels
 
-__all__ = ["every", "line_pictures", "locate", "raster", "refine"]
+__all__ = ["every", "line_pictures", "locate", "raster", "refine", "shared_by", "telling_lines"]
 
 SETTLED = 8 * TILE  # image rows whose uncertainties are settled at once: whole tiles, whatever the number of cores
 LINES = 6  # of the image, that tell what neighbouring lines share
@@ -178,22 +178,41 @@ def _growth(coarse: Floats, skip: list[int]) -> tuple[bool, float]:
 
 
 def _shared_by_lines(place: Floats, variance: Floats, down: bool, cell: int) -> float:
+    """Read `shared_by` off the lines of an image that `telling_lines` names."""
+    if down:
+        place, variance = place.T, variance.T
+    at = telling_lines(place.shape, cell)
+    return shared_by(place[at - cell], place[at], place[at + cell], variance[at], cell) if len(at) else 0.0
+
+
+def telling_lines(shape: tuple[int, ...], cell: int) -> npt.NDArray[np.int64]:
+    """Which lines, of so many of such a length, tell what neighbouring ones share; none in a small image."""
+    lines, length = shape
+    if cell < 1 or lines <= 2 * cell or length <= 2 * cell:
+        return np.empty(0, np.int64)
+    return np.linspace(cell, lines - cell - 1, min(LINES, lines - 2 * cell)).astype(np.int64)
+
+
+def shared_by(before: Floats, here: Floats, after: Floats, variance: Floats, cell: int) -> float:
     """Variance of positions that neighbouring lines share, projector px squared: what moves an edge all along.
 
     Sharper edges than the pixels resolve, and light that flickers, displace an edge in all lines alike where it runs
     across them. Second differences along the lines show it, over a cell, and those across do not; relief and noise are
     in both. Independent errors of edges show in such a difference with four times the variance that positions get.
     Medians, of the whole capture: surfaces break off. 0 if the differences along are no larger.
+
+    Parameters
+    ----------
+    before, here, after : ndarray of float32, shape (line, px)
+        Positions along some lines, and along those a cell to either side, projector px.
+    variance : ndarray of float32, shape (line, px)
+        Of `here`, negative where there was no edge on both sides.
+    cell : int
+        Camera px.
     """
-    if down:
-        place, variance = place.T, variance.T
-    lines, length = place.shape
-    if cell < 1 or lines <= 2 * cell or length <= 2 * cell:
-        return 0.0
-    at = np.linspace(cell, lines - cell - 1, min(LINES, lines - 2 * cell)).astype(np.int64)
-    here = np.where(variance[at] > 0, place[at], np.float32(np.nan))
+    here = np.where(variance > 0, here, np.float32(np.nan))
     along = np.abs(here[:, : -2 * cell] - 2 * here[:, cell:-cell] + here[:, 2 * cell :])
-    across = np.abs(place[at - cell] - 2 * here + place[at + cell])[:, cell:-cell]
+    across = np.abs(before - 2 * here + after)[:, cell:-cell]
     known = np.isfinite(along) & np.isfinite(across)
     if known.sum() < FEW:
         return 0.0

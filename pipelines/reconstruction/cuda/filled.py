@@ -198,7 +198,7 @@ def _fill(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
         area = zero
         for k in range(cover_begins[at], cover_ends[at]):
             high, broad = _share(covering[k], cell, local, usual, columns, row, column)
-            area = np.float32(area + high * broad)
+            area = np.float32(np.float64(area) + high * broad)  # in double precision, as it is compiled
         if sums[HIGH, 0] - sums[LOW, 0] > gap:
             _choose(sums, begins[at], ends[at], owned, above, local, slope, sigma_in, texture_in)
         if sums[COUNT, 0] == 0 and area >= HALF:

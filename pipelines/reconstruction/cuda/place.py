@@ -3,16 +3,31 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import cuda
+from numba import cuda, float32
 
 from ..cells import AxisCells
-from ..edge_kernels import REACH, _add_bend, _crossings, _edges_between, _root, _wider, levels_of
+from ..edge_kernels import (
+    LINES,
+    REACH,
+    TILE,
+    _add_bend,
+    _crossings,
+    _edges_between,
+    _limit,
+    _root,
+    _second,
+    _sum_of,
+    _unexplained,
+    _usual,
+    lags_across,
+    levels_of,
+)
 from ..frames import Frames
 from ..kernels import NO_CELL
 from ..light import read_light
 from ..patterns import AXES
 from ..pixel_maps import Decoded
-from ..subpixel import RUNS, line_pictures, raster
+from ..subpixel import RUNS, line_pictures, raster, shared_by, telling_lines
 from ..threshold import edge_levels
 from .card import OnCard, cached, clear, empty, kernel, launch, up
 from .gray import Steps
@@ -74,9 +89,41 @@ def _between_edges(
     plus, minus, edge, centre, width = cached((frames.patterns, axis), lambda: [up(each) for each in of_patterns])
     launch(
         _place, steps.size, found.stack, given.white, given.black, plus, minus, up(given.tilt),
-        edge, centre, width, up(given.unsure), given.noise, given.flat, steps, found.contrast, down, fine, spread,
+        edge, centre, width, up(given.unsure), given.noise, given.scale, steps, found.contrast, down, fine, spread,
     )  # fmt: skip
-    launch(_bend, steps.size, fine, spread, down, reach)
+    _settled(fine, spread, down, reach)
+
+
+def _settled(fine: OnCard, spread: OnCard, down: bool, cell: int) -> None:
+    """Variances to sigmas, in place, as `edge_kernels.settle`; medians of a few lines are taken on the CPU.
+
+    Sums are taken as the CPU takes them: a thread per column of a band of tiles, then one per tile.
+    """
+    H, W = fine.shape
+    bands, tiles = -(-H // TILE), -(-W // TILE)
+    shared = np.float32(_shared_by_lines(fine, spread, down, cell))
+    lags = (cell, 0) if down else (0, cell)
+    across = lags_across(*lags)
+    limit, scatter = empty((bands, W), np.float32), empty((bands, W), np.float32)
+    columns, sums = empty((bands, 3, W), np.float32), empty((bands, 3, tiles + 2), np.float32)
+    launch(_no_limit, limit.size, limit)
+    for out in (limit, scatter):  # what is far beyond the mean of the first time is an edge of the surface
+        launch(_differ, limit.size, fine, spread, across, limit, columns)
+        launch(_sum_tiles, bands * (tiles + 2), columns, sums)
+        launch(_judge, bands * tiles, sums, out is limit, out)
+    launch(_settle, fine.size, fine, spread, lags, scatter, shared)
+
+
+def _shared_by_lines(fine: OnCard, variance: OnCard, down: bool, cell: int) -> float:
+    """As `subpixel._shared_by_lines`, of lines that are picked on the card."""
+    lines, length = fine.shape[::-1] if down else fine.shape
+    at = telling_lines((lines, length), cell)
+    if not len(at):
+        return 0.0
+    some = empty((4, len(at), length), np.float32)
+    launch(_pick, len(at) * length, fine, variance, up(at), down, cell, some)
+    before, here, after, own = some.copy_to_host()
+    return shared_by(before, here, after, own, cell)
 
 
 @kernel
@@ -101,11 +148,27 @@ def _sample(steps, rows, columns, coarse):  # type: ignore[no-untyped-def]  # a 
 
 @kernel
 def _place(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
-    stack, white, black, plus, minus, tilt, edge, middle, wide, unsure, noise, flat, steps, contrast, down, fine, spread
+    stack,
+    white,
+    black,
+    plus,
+    minus,
+    tilt,
+    edge,
+    middle,
+    wide,
+    unsure,
+    noise,
+    scale,
+    steps,
+    contrast,
+    down,
+    fine,
+    spread,
 ):
-    """As `edge_kernels.along_rows` (or `along_columns`), with the variance left in `spread`."""
+    """As `edge_kernels.along_rows` (or `along_columns`)."""
     H, W = steps.shape
-    one = np.float32(1)
+    one, zero = np.float32(1), np.float32(0)
     di, dj = (1, 0) if down else (0, 1)
     end = H if down else W
     for n in range(cuda.grid(1), steps.size, cuda.gridsize(1)):
@@ -124,38 +187,108 @@ def _place(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
             _, first = _edges_between(steps[i0 + (start - 1) * di, j0 + (start - 1) * dj], here)
             last, _ = _edges_between(here, steps[i0 + stop * di, j0 + stop * dj])
             if first >= 0 and last >= 0:
-                position, inverse = _crossings(
-                    stack, white, black, plus, minus, tilt, contrast, first, i0 + start * di, j0 + start * dj, di, dj
-                )
+                position, error = _crossings(
+                    stack, white, black, plus, minus, tilt, contrast, scale, noise,
+                    first, i0 + start * di, j0 + start * dj, di, dj,
+                )  # fmt: skip
                 known = position == position
-                behind, value, error = np.float32(start) + position, edge[first], noise * inverse
-                position, inverse = _crossings(
-                    stack, white, black, plus, minus, tilt, contrast, last, i0 + stop * di, j0 + stop * dj, di, dj
-                )
-                ahead = np.float32(stop) + position
-                length, rise = ahead - behind, edge[last] - value
+                behind, value = np.float32(start) + position, edge[first]
+                position, own = _crossings(
+                    stack, white, black, plus, minus, tilt, contrast, scale, noise,
+                    last, i0 + stop * di, j0 + stop * dj, di, dj,
+                )  # fmt: skip
+                length, rise = np.float32(stop) + position - behind, edge[last] - value
                 if known and length > 0 and rise != 0:
                     filled = True
                     per = one / length
-                    e0, e1 = error * rise * per, noise * inverse * rise * per
-                    share = min(max((np.float32(m) - behind) * per, np.float32(0)), one)
+                    whole = rise * per * rise * per
+                    e0, e1 = error * whole, own * whole
+                    share = min(max((np.float32(m) - behind) * per, zero), one)
                     fine[i, j] = value + share * rise
-                    spread[i, j] = ((one - share) * e0) ** 2 + (share * e1) ** 2 + flat * _wider(here)
+                    spread[i, j] = (one - share) * (one - share) * e0 + share * share * e1
         if not filled:
             fine[i, j] = middle[here]
-            spread[i, j] = wide[here] * wide[here] * unsure[contrast[i, j]]
+            spread[i, j] = -(wide[here] * wide[here]) * unsure[contrast[i, j]]
 
 
 @kernel
-def _bend(fine, spread, down, cells):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
-    """Variances to sigmas, in place."""
+def _pick(fine, variance, at, down, cell, some):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """Positions of lines before, at and after `at`, and their variances there."""
+    length = some.shape[2]
+    for n in range(cuda.grid(1), at.size * length, cuda.gridsize(1)):
+        line, k = n // length, n % length
+        for part in range(4):
+            other = at[line] + (part - 1) * cell if part < 3 else at[line]
+            i, j = (k, other) if down else (other, k)
+            some[part, line, k] = fine[i, j] if part < 3 else variance[i, j]
+
+
+@kernel
+def _no_limit(limit):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    W = limit.shape[1]
+    for n in range(cuda.grid(1), limit.size, cuda.gridsize(1)):
+        limit[n // W, n % W] = np.float32(1)  # beyond a cell it is an edge of the surface for sure
+
+
+@kernel
+def _differ(fine, spread, across, limit, columns):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """Second differences of a column of a band of tiles: their sum, the noise in them, and how many they are."""
     H, W = fine.shape
-    di, dj = (cells, 0) if down else (0, cells)
+    down, along = across
+    for n in range(cuda.grid(1), limit.size, cuda.gridsize(1)):
+        band, a = n // W, n % W
+        b, c = a + along, a + 2 * along
+        for part in range(3):
+            columns[band, part, a] = np.float32(0)
+        if c >= W:
+            continue
+        for i in range(band * TILE + down, min((band + 1) * TILE, H) - down, LINES):
+            _second(
+                fine[i - down, a : a + 1], fine[i, b : b + 1], fine[i + down, c : c + 1],
+                spread[i - down, a : a + 1], spread[i, b : b + 1], spread[i + down, c : c + 1],
+                limit[band, a : a + 1],
+                columns[band, 0, a : a + 1], columns[band, 1, a : a + 1], columns[band, 2, a : a + 1],
+            )  # fmt: skip
+
+
+@kernel
+def _sum_tiles(columns, sums):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """Sums of each tile, and none of the tiles that are not there, at either end of a band."""
+    tiles, W = sums.shape[2], columns.shape[2]
+    for n in range(cuda.grid(1), sums.shape[0] * tiles, cuda.gridsize(1)):
+        band, t = n // tiles, n % tiles
+        first, last = max(t - 1, 0) * TILE, min(t * TILE, W)
+        there = 0 < t < tiles - 1
+        for part in range(3):
+            sums[band, part, t] = _sum_of(columns[band, part, first:last]) if there else np.float32(0)
+
+
+@kernel
+def _judge(sums, first_time, out):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """Fill the limits, or the scatter, of each tile's columns."""
+    tiles, W = sums.shape[2] - 2, out.shape[1]
+    for n in range(cuda.grid(1), sums.shape[0] * tiles, cuda.gridsize(1)):
+        band, t = n // tiles, n % tiles
+        # single is named where it is: in the simulator what a function gives is a number of Python's, hence double
+        total, noise, count = _sum_of(sums[band, 0]), _sum_of(sums[band, 1]), _sum_of(sums[band, 2])
+        mean, own = _usual(sums[band], t, (np.float32(total), np.float32(noise), np.float32(count)))
+        told = _limit(np.float32(mean)) if first_time else _unexplained(np.float32(mean), np.float32(own))
+        for a in range(t * TILE, min((t + 1) * TILE, W)):
+            out[band, a] = told
+
+
+@kernel
+def _settle(fine, spread, lags, scatter, shared):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """As `edge_kernels.settle`, of what the tiles told."""
+    H, W = fine.shape
+    di, dj = lags
     for n in range(cuda.grid(1), fine.size, cuda.gridsize(1)):
         i, j = n // W, n % W
+        more = cuda.local.array(1, float32)
         own = spread[i, j : j + 1]
+        more[0] = scatter[i // TILE, j] + shared
         if di <= i < H - di and dj <= j < W - dj:
             before, after = fine[i - di, j - dj : j - dj + 1], fine[i + di, j + dj : j + dj + 1]
-            _add_bend(before, fine[i, j : j + 1], after, own, own)
+            _add_bend(before, fine[i, j : j + 1], after, more, own)
         else:
-            _root(own, own)
+            _root(more, own)
