@@ -10,6 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from .distance import inner_distance
+
 __all__ = ["CrackLines", "crack_lines", "length_sigma"]
 
 NEIGHBOURS = ((-1, 0), (0, -1), (0, 1), (1, 0), (-1, -1), (-1, 1), (1, -1), (1, 1))
@@ -85,11 +87,11 @@ def crack_lines(mask: npt.NDArray[np.bool_]) -> CrackLines:
 
     # the border is carried on by more than half a crack's width, so that a crack leaves the field straight and the fork
     # into its two corners lies outside
-    pad = 4 + min(int(ndimage.distance_transform_edt(mask).max(initial=0)), max(mask.shape))
+    pad = 4 + min(int(inner_distance(mask).max(initial=0)), max(mask.shape))
     inner = (slice(pad, -pad), slice(pad, -pad))
     wide = np.pad(mask, pad, mode="edge")
     skeleton = skeletonize(wide)[inner]
-    distance = ndimage.distance_transform_edt(wide)[inner]
+    distance = inner_distance(wide)[inner]
     cells: set[Cell] = {(int(r), int(c)) for r, c in np.argwhere(skeleton)}
     segments = _segments(cells)
     while True:

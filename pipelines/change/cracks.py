@@ -9,6 +9,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from ..scan import Scan
+from .distance import inner_distance
 from .smoothing import local_median
 
 __all__ = ["CrackRule", "crack_mask"]
@@ -193,7 +194,7 @@ def _width_and_length(
     labels: npt.NDArray[np.int32], count: int, area: npt.NDArray[np.float64]
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Width and length of each part, cells: a strip of width w has a mean distance to its edge of w / 4."""
-    inside = ndimage.distance_transform_edt(labels > 0)
+    inside = inner_distance(labels > 0)
     total = np.bincount(labels.ravel(), weights=inside.ravel(), minlength=count + 1)
     width = np.maximum(1.0, 4 * total / np.maximum(area, 1) - 1)
     return width, area / width
