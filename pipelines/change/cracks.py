@@ -10,6 +10,7 @@ from scipy import ndimage
 
 from ..scan import Scan
 from .distance import inner_distance
+from .extremes import greatest, least
 from .smoothing import local_median
 
 __all__ = ["CrackRule", "crack_mask"]
@@ -203,19 +204,19 @@ def _width_and_length(
 def closing(z: npt.NDArray[np.float32], cells: int) -> npt.NDArray[np.float32]:
     """Grey closing by a square, missing cells ignored; NaN where the whole window is missing."""
     top = np.where(np.isfinite(z), z, np.float32(-np.inf))
-    top = ndimage.maximum_filter(top, cells, mode="nearest")
+    top = greatest(top, cells)
     top[np.isneginf(top)] = np.inf
-    low = ndimage.minimum_filter(top, cells, mode="nearest")
+    low = least(top, cells)
     low[np.isposinf(low)] = np.nan
-    return low  # type: ignore[no-any-return]  # scipy ships no types
+    return low
 
 
 def highest(z: npt.NDArray[np.float32], reach: int) -> npt.NDArray[np.float32]:
     """Highest measured cell within `reach` cells; NaN where there is none."""
     top = np.where(np.isfinite(z), z, np.float32(-np.inf))
-    top = ndimage.maximum_filter(top, 2 * reach + 1, mode="nearest")
+    top = greatest(top, 2 * reach + 1)
     top[np.isneginf(top)] = np.nan
-    return top  # type: ignore[no-any-return]  # scipy ships no types
+    return top
 
 
 def _windows(widest: int) -> list[int]:
