@@ -23,6 +23,10 @@ from .volume import Volumes, volumes
 __all__ = ["METRICS", "measure"]
 
 NOT_MEASURED = Measurement(float("nan"), float("nan"))
+OF_PLATE = (
+    "That plate's: spread of dz about its profile from the edge, 25 cells sharing each error; the edge, to a cell."
+)
+OF_PLATES = "Mean of the plates' own, weighted by area: they are not taken to cancel."
 
 
 # Several metrics need the same intermediate result of one comparison. Each cache holds one, keyed by identity
@@ -257,6 +261,7 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "Largest lift of a plate",
                 "Edge lift of the plate that curls most, its tilt taken out.",
                 _largest_of_plates("lift"),
+                OF_PLATE,
             ),
             Metric(
                 "plate_lift_p95",
@@ -264,6 +269,7 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "Lift that 95 % of plates stay below",
                 "Edge lift that plates of 95 % of the plates' area do not exceed.",
                 _largest_of_plates("lift", 0.95),
+                OF_PLATE,
             ),
             Metric(
                 "curl_angle",
@@ -271,6 +277,7 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "Curl angle",
                 "Mean angle by which the plates' edges have turned up since the baseline, weighted by area.",
                 _mean_of_plates("angle"),
+                OF_PLATES,
             ),
             Metric(
                 "curl_angle_largest",
@@ -278,6 +285,7 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "Largest curl angle of a plate",
                 "Angle by which the edge of the plate that turned most has turned up since the baseline.",
                 _largest_of_plates("angle"),
+                OF_PLATE,
             ),
             Metric(
                 "curl_curvature",
@@ -285,6 +293,7 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "Curl curvature",
                 "Mean curvature across the plates' edges since the baseline, weighted by area; + is concave up.",
                 _mean_of_plates("curvature"),
+                OF_PLATES,
             ),
             Metric(
                 "covered",
