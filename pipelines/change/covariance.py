@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import lru_cache, partial
 
 import numpy as np
 import numpy.typing as npt
 
+from .slabs import side_by_side
 from .smoothing import robust_sigma
 
 __all__ = ["covariance_by_lag", "covariance_of_sums", "error_covariance", "longest_lag"]
@@ -50,8 +52,8 @@ def error_covariance(dz: npt.NDArray[np.float32], stable: Mask) -> Floats | None
     values = np.where(use, dz, np.float32(0)).astype(np.float64)
     values = np.where(use, values - values[use].mean(), 0.0)
     reach = longest_lag((dz.shape[0], dz.shape[1]))
-    covariance = _with_plane(covariance_by_lag([(values, use)], reach), use, reach)
-    return _positive(covariance)
+    pairs, products = _pooled([(values, use)], reach)
+    return _positive(_with_plane(_mean_products(pairs, products), pairs, use, reach))
 
 
 def _positive(covariance: Floats) -> Floats:
@@ -60,15 +62,15 @@ def _positive(covariance: Floats) -> Floats:
     return covariance[: int(below[0])] if below.size else covariance
 
 
-def _with_plane(found: Floats, use: Mask, reach: int) -> Floats:
+def _with_plane(found: Floats, pairs: Floats, use: Mask, reach: int) -> Floats:
     """Give back to a covariance what fitting a plane to the same ground took from it.
 
     Residuals ``r = e - P e`` of a plane have the covariance ``C - P C P`` where errors reach less far than the ground
     does. P C P is a sum over the plane's three orthonormal shapes, of the variance of each times its autocorrelation,
     and follows from C: a few rounds find both.
     """
-    shapes = [_products(shape, reach) for shape in _plane_shapes(use)]
-    pairs = np.maximum(_products(use.astype(np.float64), reach), 1.0)
+    shapes = side_by_side(*(partial(_products, shape, reach) for shape in _plane_shapes(use)))
+    pairs = np.maximum(pairs, 1.0)
     covariance = found
     for _ in range(ROUNDS):
         known = _positive(covariance)
@@ -81,12 +83,14 @@ def _plane_shapes(use: Mask) -> list[Floats]:
     """1, row and column on some cells, made orthonormal; 0 elsewhere."""
     row, column = (np.arange(n, dtype=np.float64) - n / 2 for n in use.shape)
     rows, columns = np.broadcast_to(row[:, None], use.shape), np.broadcast_to(column[None, :], use.shape)
-    design = np.stack([np.ones(int(use.sum())), rows[use], columns[use]], axis=1)
-    shapes = []
-    for values in np.linalg.qr(design)[0].T:
-        shape = np.zeros(use.shape)
-        shape[use] = values
-        shapes.append(shape)
+    shapes: list[Floats] = []
+    for plain in (np.ones(use.shape), rows, columns):
+        shape = np.where(use, plain, 0.0)
+        # Gram and Schmidt, twice: once leaves what rounding made of nearly parallel shapes
+        for other in shapes * 2:
+            shape -= float(np.einsum("ij,ij", shape, other)) * other
+        size = float(np.sqrt(np.einsum("ij,ij", shape, shape)))
+        shapes.append(shape / size if size > 0 else shape)
     return shapes
 
 
@@ -106,23 +110,54 @@ def covariance_by_lag(fields: Iterable[tuple[Floats, Mask]], reach: int) -> Floa
         At lags of 0, 1, 2, ... cells, averaged over directions; 0 where a lag has fewer than a fiftieth of the pairs
         that lag 0 has. Autocorrelations of the values and of their mask, both by FFT: every pair counts.
     """
+    return _mean_products(*_pooled(fields, reach))
+
+
+def _pooled(fields: Iterable[tuple[Floats, Mask]], reach: int) -> tuple[Floats, Floats]:
+    """Pairs of cells by lag, and the sums of their values' products."""
     weight, total = np.zeros(reach + 1), np.zeros(reach + 1)
     for values, use in fields:
-        total += _products(values, reach)
-        weight += _products(use.astype(np.float64), reach)
-    enough = weight > 0.02 * weight[0]
-    return np.where(enough, total / np.maximum(weight, 1), 0.0)
+        of_values, of_use = side_by_side(
+            partial(_products, values, reach), partial(_products, use.astype(np.float64), reach)
+        )
+        total += of_values
+        weight += of_use
+    return weight, total
+
+
+def _mean_products(pairs: Floats, products: Floats) -> Floats:
+    enough = pairs > 0.02 * pairs[0]
+    return np.where(enough, products / np.maximum(pairs, 1), 0.0)
 
 
 def _products(values: Floats, reach: int) -> Floats:
-    """Sum of the products of all pairs of values by the distance of their cells, to `reach`."""
+    """Sum of the products of all pairs of values by the distance of their cells, to `reach`.
+
+    The autocorrelation is even: rows of lags from 0 to `reach` are transformed back, all but the first for two.
+    """
     from scipy import fft
 
-    shape = [fft.next_fast_len(n + reach, real=True) for n in values.shape]
-    lag, inside = _lags(shape, reach)
-    products = fft.irfft2(np.abs(fft.rfft2(values, shape)) ** 2, shape)
-    sums: Floats = np.bincount(lag[inside], weights=products[inside], minlength=reach + 1).astype(np.float64)
-    return sums
+    rows, columns = (fft.next_fast_len(n + reach, real=True) for n in values.shape)
+    spectrum = fft.fft(fft.rfft(values, columns, axis=1), rows, axis=0, overwrite_x=True)
+    power = spectrum.real**2 + spectrum.imag**2
+    # real and even along both axes together, not along one: the rows' transform back is complex
+    half = fft.ifft(power, axis=0, overwrite_x=True)[: reach + 1]
+    products = fft.irfft(half, columns, axis=1)
+    products[1:] *= 2
+    lag = _distances(reach)
+    sums = np.zeros(2 * reach + 1)
+    ahead = products[:, : reach + 1]
+    behind = products[:, : columns - reach - 1 : -1]
+    for part, of in ((ahead, lag), (behind, lag[:, 1:])):
+        sums += np.bincount(of.ravel(), weights=part.ravel(), minlength=sums.size)[: sums.size]
+    return sums[: reach + 1]
+
+
+@lru_cache(maxsize=4)
+def _distances(reach: int) -> npt.NDArray[np.intp]:
+    """Whole-cell distance of the lags from 0 to `reach` along rows and columns."""
+    side = np.arange(reach + 1)
+    return np.rint(np.hypot(side[:, None], side[None, :])).astype(np.intp)
 
 
 def covariance_of_sums(parts: Sequence[Floats], covariance: Floats) -> Floats:
@@ -157,7 +192,7 @@ def covariance_of_sums(parts: Sequence[Floats], covariance: Floats) -> Floats:
     power = fft.rfft2(np.where(inside, covariance[np.minimum(lag, reach)], 0.0)).real
     # a real map's spectrum is kept by half: all columns but the first (and the last of an even width) stand for two
     power[:, 1 : (shape[1] + 1) // 2] *= 2
-    spectra = [fft.rfft2(part[cut], shape) for part in parts]
+    spectra = side_by_side(*(partial(fft.rfft2, part[cut], shape) for part in parts))
     found = [[float((np.conj(a) * b).real.ravel() @ power.ravel()) for b in spectra] for a in spectra]
     both: Floats = np.array(found) / (shape[0] * shape[1])
     return both

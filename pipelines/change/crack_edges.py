@@ -31,7 +31,7 @@ LEAST_CELLS = 0.15
 
 
 def crack_edges(
-    z: Floats, inside: npt.NDArray[np.bool_], floor: Floats, sigma_z: float
+    z: npt.NDArray[np.float32] | Floats, inside: npt.NDArray[np.bool_], floor: Floats, sigma_z: float
 ) -> tuple[Floats, Floats, npt.NDArray[np.bool_]]:
     """Find the edge along each profile.
 
@@ -94,7 +94,7 @@ def crack_edges(
 
 
 def _by_area(
-    z: Floats, first: npt.NDArray[np.intp], rim: Floats, depth: Floats, sigma_z: float
+    z: npt.NDArray[np.float32] | Floats, first: npt.NDArray[np.intp], rim: Floats, depth: Floats, sigma_z: float
 ) -> tuple[Floats, Floats]:
     """The edge by the area that is missing, and its standard uncertainty, cells; NaN where too little is seen."""
     count, samples = z.shape

@@ -10,6 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from .distance import inner_distance
+
 __all__ = ["CrackLines", "crack_lines", "length_sigma"]
 
 NEIGHBOURS = ((-1, 0), (0, -1), (0, 1), (1, 0), (-1, -1), (-1, 1), (1, -1), (1, 1))
@@ -85,20 +87,25 @@ def crack_lines(mask: npt.NDArray[np.bool_]) -> CrackLines:
 
     # the border is carried on by more than half a crack's width, so that a crack leaves the field straight and the fork
     # into its two corners lies outside
-    pad = 4 + min(int(ndimage.distance_transform_edt(mask).max(initial=0)), max(mask.shape))
+    pad = 4 + min(int(inner_distance(mask).max(initial=0)), max(mask.shape))
     inner = (slice(pad, -pad), slice(pad, -pad))
     wide = np.pad(mask, pad, mode="edge")
     skeleton = skeletonize(wide)[inner]
-    distance = ndimage.distance_transform_edt(wide)[inner]
+    distance = inner_distance(wide)[inner]
     cells: set[Cell] = {(int(r), int(c)) for r, c in np.argwhere(skeleton)}
-    segments = _segments(cells)
+    links = {cell: _around(cell, cells) for cell in cells}
+    segments = _segments(links)
     while True:
         short = [s for s in segments if _is_spur(s, cells, distance)]
         if not short:
             break
-        for segment in short:
-            cells -= set(segment[1:])
-        segments = _segments(cells)
+        gone = {cell for segment in short for cell in segment[1:]}
+        cells -= gone
+        for cell in gone:
+            links.pop(cell, None)
+        for cell in {(r + dr, c + dc) for r, c in gone for dr, dc in NEIGHBOURS} & cells:
+            links[cell] = _around(cell, cells)
+        segments = _segments(links)
     return _smoothed(segments, cells, distance, mask.shape)
 
 
@@ -115,16 +122,19 @@ def length_sigma(length_mm: float, free_ends: int, end_width_mm: float, pitch_mm
 def _around(cell: Cell, cells: set[Cell]) -> list[Cell]:
     """Neighbours in the skeleton; a diagonal one only where no straight one leads there."""
     r, c = cell
-    near = [(r + dr, c + dc) for dr, dc in NEIGHBOURS[:4] if (r + dr, c + dc) in cells]
-    for dr, dc in NEIGHBOURS[4:]:
-        if (r + dr, c + dc) in cells and (r + dr, c) not in cells and (r, c + dc) not in cells:
-            near.append((r + dr, c + dc))
+    above, before, after, below = (r - 1, c), (r, c - 1), (r, c + 1), (r + 1, c)
+    near = [one for one in (above, before, after, below) if one in cells]
+    for row in (above, below):
+        near += [
+            (row[0], column[1])
+            for column in (before, after)
+            if (row[0], column[1]) in cells and row not in cells and column not in cells
+        ]
     return near
 
 
-def _segments(cells: set[Cell]) -> list[list[Cell]]:
-    """Lines between ends and junctions (both included), and closed loops."""
-    links = {cell: _around(cell, cells) for cell in cells}
+def _segments(links: dict[Cell, list[Cell]]) -> list[list[Cell]]:
+    """Lines between ends and junctions (both included), and closed loops, of cells and their neighbours."""
     nodes = {cell for cell, near in links.items() if len(near) != 2}
     done: set[tuple[Cell, Cell]] = set()
     segments = []
@@ -135,7 +145,7 @@ def _segments(cells: set[Cell]) -> list[list[Cell]]:
             path = _walk(node, first, links, nodes)
             done |= {(path[0], path[1]), (path[-1], path[-2])}
             segments.append(path)
-    left = cells - nodes - {cell for path in segments for cell in path}
+    left = links.keys() - nodes - {cell for path in segments for cell in path}
     while left:
         start = min(left)
         path = _walk(start, links[start][0], links, {start})

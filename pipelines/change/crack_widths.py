@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
 
 from ..scan import Scan
 from .crack_edges import RIM_CELLS, STEP, crack_edges
 from .crack_lines import CrackLines, crack_lines
+from .crack_profiles import crack_profiles
 from .cracks import CrackRule, crack_mask
 
 __all__ = ["CrackOpenings", "crack_openings", "opening_sigma"]
@@ -94,7 +94,7 @@ def crack_openings(
     distance = np.arange(0.0, reach + STEP, STEP)
     edges, sigmas, unseen = [], [], []
     sigma_z = float(np.nanmedian(scan.sigma)) if np.isfinite(scan.sigma).any() else 0.0
-    sampled = [_profiles(scan.height, mask, row, column, sign * normal, distance) for sign in (1.0, -1.0)]
+    sampled = [crack_profiles(scan.height, mask, row, column, sign * normal, distance) for sign in (1.0, -1.0)]
     floor = np.minimum(*[np.nanmin(np.where(inside, z, np.inf), axis=1) for z, inside in sampled])
     for z, inside in sampled:
         edge, sigma, crossed = crack_edges(z, inside, floor, sigma_z)
@@ -124,24 +124,3 @@ def opening_sigma(
     # uniform), the same way all along the crack: no averaging helps
     raster = pitch_mm * np.sqrt(2 * ((1 - openings.unseen_edges) / 12 + openings.unseen_edges / 3))
     return float(np.hypot(random, raster))
-
-
-def _profiles(
-    height: npt.NDArray[np.float32],
-    mask: npt.NDArray[np.bool_],
-    row: npt.NDArray[np.float64],
-    column: npt.NDArray[np.float64],
-    normal: npt.NDArray[np.float64],
-    distance: npt.NDArray[np.float64],
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
-    """Heights and mask along rays, shape (points, samples): bilinear over measured cells, NaN where the nearest is."""
-    at = np.stack([row[:, None] + normal[:, 1, None] * distance, column[:, None] + normal[:, 0, None] * distance])
-    nearest = np.rint(at).astype(np.intp)
-    outside = (nearest < 0).any(axis=0) | (nearest[0] >= height.shape[0]) | (nearest[1] >= height.shape[1])
-    nearest[:, outside] = 0
-    good = np.isfinite(height)
-    weight = ndimage.map_coordinates(good.astype(np.float32), at, order=1, mode="nearest")
-    total = ndimage.map_coordinates(np.where(good, height, np.float32(0)), at, order=1, mode="nearest")
-    seen = good[nearest[0], nearest[1]] & ~outside & (weight > 0)
-    z = np.where(seen, total / np.maximum(weight, 1e-6), np.nan)
-    return z, mask[nearest[0], nearest[1]] & ~outside

@@ -9,6 +9,8 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from ..scan import Scan
+from .distance import inner_distance
+from .extremes import greatest, least
 from .smoothing import local_median
 
 __all__ = ["CrackRule", "crack_mask"]
@@ -193,7 +195,7 @@ def _width_and_length(
     labels: npt.NDArray[np.int32], count: int, area: npt.NDArray[np.float64]
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
     """Width and length of each part, cells: a strip of width w has a mean distance to its edge of w / 4."""
-    inside = ndimage.distance_transform_edt(labels > 0)
+    inside = inner_distance(labels > 0)
     total = np.bincount(labels.ravel(), weights=inside.ravel(), minlength=count + 1)
     width = np.maximum(1.0, 4 * total / np.maximum(area, 1) - 1)
     return width, area / width
@@ -202,19 +204,19 @@ def _width_and_length(
 def closing(z: npt.NDArray[np.float32], cells: int) -> npt.NDArray[np.float32]:
     """Grey closing by a square, missing cells ignored; NaN where the whole window is missing."""
     top = np.where(np.isfinite(z), z, np.float32(-np.inf))
-    top = ndimage.maximum_filter(top, cells, mode="nearest")
+    top = greatest(top, cells)
     top[np.isneginf(top)] = np.inf
-    low = ndimage.minimum_filter(top, cells, mode="nearest")
+    low = least(top, cells)
     low[np.isposinf(low)] = np.nan
-    return low  # type: ignore[no-any-return]  # scipy ships no types
+    return low
 
 
 def highest(z: npt.NDArray[np.float32], reach: int) -> npt.NDArray[np.float32]:
     """Highest measured cell within `reach` cells; NaN where there is none."""
     top = np.where(np.isfinite(z), z, np.float32(-np.inf))
-    top = ndimage.maximum_filter(top, 2 * reach + 1, mode="nearest")
+    top = greatest(top, 2 * reach + 1)
     top[np.isneginf(top)] = np.nan
-    return top  # type: ignore[no-any-return]  # scipy ships no types
+    return top
 
 
 def _windows(widest: int) -> list[int]:

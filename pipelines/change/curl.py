@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from .distance import inner_distance
 from .smoothing import MAD_TO_SIGMA
 from .values import Measurement
 
@@ -30,7 +31,7 @@ SHARED_ERROR_CELLS = 25.0
 
 def crack_distance(crack: npt.NDArray[np.bool_], pitch_mm: float) -> npt.NDArray[np.float32]:
     """Distance of each cell's centre to the nearest crack cell's side, mm; half a cell less than to its centre."""
-    cells = ndimage.distance_transform_edt(~crack).astype(np.float32)
+    cells = inner_distance(~crack).astype(np.float32)
     distance: npt.NDArray[np.float32] = np.maximum(cells - np.float32(0.5), np.float32(0)) * np.float32(pitch_mm)
     return distance
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -10,6 +11,7 @@ from numba import njit
 from scipy import ndimage
 
 from ..scan import Scan
+from .slabs import in_slabs, side_by_side
 from .smoothing import robust_sigma
 
 __all__ = ["Drift", "lateral_drift"]
@@ -18,7 +20,6 @@ FINE_CELLS = 1.0
 """Sigma of the Gaussian that takes out the finest noise, cells: bilinear resampling then hardly blurs."""
 COARSE_CELLS = 8.0
 """Sigma of the Gaussian whose result is subtracted: settlement, tilt and lighting are gone after it."""
-Pair = tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]
 ROUNDS = 40
 """Far starts creep, a part of a cell a round; near ones end after three or four."""
 SIMILAR = 1.5
@@ -38,68 +39,85 @@ class Drift:
     """Another shift explains nearly as much: a part of the surface moved, or the pattern repeats."""
 
 
-@njit(cache=True, nogil=True)
-def _residual(ref, mov, i, j, u, v):  # type: ignore[no-untyped-def]  # numba infers the types from the arrays
-    """mov(i + v, j + u) - ref(i, j), bilinear; NaN where anything is missing."""
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
+def _normal_equations(  # type: ignore[no-untyped-def]  # numba infers the types from the arrays
+    ref, gx, gy, mov, u, v, scale, step, residuals, first, last
+):
+    """Tukey-weighted Gauss-Newton sums over a slab of one channel: xx, xy, yy, xr, yr; keeps the residuals.
+
+    A residual is mov(i + v, j + u) - ref(i, j), bilinear; NaN where anything is missing.
+    """
+    rows, columns = mov.shape
     a = int(np.floor(u))
     b = int(np.floor(v))
     fu = u - a
     fv = v - b
-    r, c = i + b, j + a
-    if r < 0 or c < 0 or r + 1 >= mov.shape[0] or c + 1 >= mov.shape[1]:
-        return np.nan
-    m = (1 - fv) * ((1 - fu) * mov[r, c] + fu * mov[r, c + 1]) + fv * (
-        (1 - fu) * mov[r + 1, c] + fu * mov[r + 1, c + 1]
-    )
-    return m - ref[i, j]
+    axx = axy = ayy = bx = by = 0.0
+    # the cells whose four neighbours in the moved map exist: 0 <= 1 + step j + a, 1 + step j + a + 1 < columns
+    left = min(ref.shape[1], max(0, -((1 + a) // step)))
+    right = min(ref.shape[1], max(left, (columns - 3 - a) // step + 1))
+    for i in range(first, last):
+        r = 1 + step * i + b
+        if r < 0 or r + 1 >= rows:
+            residuals[i] = np.nan
+            continue
+        residuals[i, :left] = np.nan
+        residuals[i, right:] = np.nan
+        for j in range(left, right):
+            c = 1 + step * j + a
+            m = (1 - fv) * ((1 - fu) * mov[r, c] + fu * mov[r, c + 1]) + fv * (
+                (1 - fu) * mov[r + 1, c] + fu * mov[r + 1, c + 1]
+            )
+            d = m - ref[i, j]
+            residuals[i, j] = d
+            # Tukey's biweight: 95 % efficient for normal residuals, blind to gross ones
+            e = d / (4.685 * scale)
+            w = (1 - e * e) ** 2 if abs(e) < 1.0 else 0.0
+            d = d if abs(e) < 1.0 else 0.0
+            axx += w * gx[i, j] * gx[i, j]
+            axy += w * gx[i, j] * gy[i, j]
+            ayy += w * gy[i, j] * gy[i, j]
+            bx += w * gx[i, j] * d
+            by += w * gy[i, j] * d
+    return axx, axy, ayy, bx, by
 
 
 @njit(cache=True, nogil=True)
-def _normal_equations(ref, mov, use, u, v, scale, step, every, sample):  # type: ignore[no-untyped-def]  # as above
-    """Tukey-weighted Gauss-Newton sums for one channel; `sample` gets the raw residuals of a sparse subset."""
-    axx = axy = ayy = bx = by = 0.0
+def _some(residuals, every, sample):  # type: ignore[no-untyped-def]  # as above
+    """Every so-manieth known residual into `sample`; how many are known, and how many were kept."""
     count = 0
     kept = 0
-    rows, columns = ref.shape
-    for i in range(1, rows - 1, step):
-        for j in range(1, columns - 1, step):
-            if not use[i, j]:
-                continue
-            r = _residual(ref, mov, i, j, u, v)
-            gx = 0.5 * (ref[i, j + 1] - ref[i, j - 1])
-            gy = 0.5 * (ref[i + 1, j] - ref[i - 1, j])
-            if not (np.isfinite(r) and np.isfinite(gx) and np.isfinite(gy)):
-                continue
-            if count % every == 0 and kept < sample.size:
-                sample[kept] = r
-                kept += 1
-            count += 1
-            # Tukey's biweight: 95 % efficient for normal residuals, blind to gross ones
-            e = r / (4.685 * scale)
-            if abs(e) >= 1.0:
-                continue
-            w = (1 - e * e) ** 2
-            axx += w * gx * gx
-            axy += w * gx * gy
-            ayy += w * gy * gy
-            bx += w * gx * r
-            by += w * gy * r
-    return axx, axy, ayy, bx, by, count, kept
+    for i in range(residuals.shape[0]):
+        for j in range(residuals.shape[1]):
+            if np.isfinite(residuals[i, j]):
+                if count % every == 0 and kept < sample.size:
+                    sample[kept] = residuals[i, j]
+                    kept += 1
+                count += 1
+    return count, kept
 
 
-def _band(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """Band-passed map, NaN-aware, scaled to a robust spread of 1; NaN where not measured."""
-    good = np.isfinite(values)
-    filled = np.where(good, values, np.float32(0))
+def _bands(scan: Scan) -> list[npt.NDArray[np.float32]]:
+    """Band-passed height and texture, each scaled to a robust spread of 1; NaN where not measured."""
+    good = np.isfinite(scan.height)
     weight = good.astype(np.float32)
+    shares = [np.maximum(_smooth(weight, sigma), np.float32(1e-3)) for sigma in (FINE_CELLS, COARSE_CELLS)]
+    return [_band(values, good, *shares) for values in (scan.height, scan.texture)]
 
-    def smooth(sigma: float) -> npt.NDArray[np.float32]:
-        total: npt.NDArray[np.float32] = ndimage.gaussian_filter(filled, sigma, truncate=3.0)
-        share = ndimage.gaussian_filter(weight, sigma, truncate=3.0)
-        mean: npt.NDArray[np.float32] = total / np.maximum(share, np.float32(1e-3))
-        return mean
 
-    band = smooth(FINE_CELLS) - smooth(COARSE_CELLS)
+def _smooth(values: npt.NDArray[np.float32], sigma: float) -> npt.NDArray[np.float32]:
+    return ndimage.gaussian_filter(values, sigma, truncate=3.0)  # type: ignore[no-any-return]  # scipy ships no types
+
+
+def _band(
+    values: npt.NDArray[np.floating] | npt.NDArray[np.uint8],
+    good: npt.NDArray[np.bool_],
+    fine: npt.NDArray[np.float32],
+    coarse: npt.NDArray[np.float32],
+) -> npt.NDArray[np.float32]:
+    """One channel less its wide mean, both smoothed over the measured cells alone: `fine`, `coarse` are their share."""
+    filled = np.where(good, values, 0).astype(np.float32)
+    band: npt.NDArray[np.float32] = _smooth(filled, FINE_CELLS) / fine - _smooth(filled, COARSE_CELLS) / coarse
     band[~good] = np.nan
     spread = robust_sigma(band)
     if not spread > 0:
@@ -145,14 +163,18 @@ def lateral_drift(scan: Scan, baseline: Scan, use: npt.NDArray[np.bool_], reach_
     """
     grid = baseline.grid
     reach = max(2, round((reach_mm / grid.pitch_mm) if reach_mm else min(grid.shape) / 10))
-    texture = [np.where(np.isfinite(s.height), s.texture, np.nan).astype(np.float32) for s in (baseline, scan)]
-    channels = [(_band(baseline.height), _band(scan.height)), (_band(texture[0]), _band(texture[1]))]
-    channels = [pair for pair in channels if all(np.isfinite(band).any() for band in pair)]
+    bands = side_by_side(lambda: _bands(baseline), lambda: _bands(scan))
+    channels = [pair for pair in zip(*bands, strict=True) if all(np.isfinite(band).any() for band in pair)]
     nothing = Drift(float("nan"), float("nan"), float("nan"), 0.0)
     if not channels or not use.any():
         return nothing
-    starts = {(0, 0)} | {_whole_cells(np.where(use, ref, np.nan), mov, reach) for ref, mov in channels}
-    fits = [_refine(channels, use, start) for start in sorted(starts)]
+    peaks = [partial(_whole_cells, np.where(use, ref, np.float32(np.nan)), mov, reach) for ref, mov in channels]
+    starts = {(0, 0), *side_by_side(*peaks)}
+    count_used = int(use.sum())
+    step = 1 if count_used < 300_000 else 2
+    every = max(1, count_used // step**2 // SAMPLED)
+    patterns = [_pattern(ref, mov, use, step) for ref, mov in channels]
+    fits = [_refine(patterns, every, start) for start in sorted(starts)]
     found = [one for one in fits if one is not None and max(abs(one.u), abs(one.v)) <= 1.5 * reach]
     if not found:
         return nothing
@@ -192,21 +214,56 @@ def _spread(residuals: npt.NDArray[np.float64]) -> float:
     return max(1e-6, float(np.quantile(np.abs(residuals), 0.25)) / 0.31864)
 
 
-def _refine(channels: list[Pair], use: npt.NDArray[np.bool_], start: tuple[int, int]) -> _Fit | None:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pattern:
+    """One channel of the baseline, its slopes along x and y, on every `step`-th cell; and the channel it moved to."""
+
+    ref: npt.NDArray[np.float32]
+    gx: npt.NDArray[np.float32]
+    gy: npt.NDArray[np.float32]
+    mov: npt.NDArray[np.float32]
+    step: int
+
+
+def _pattern(
+    ref: npt.NDArray[np.float32], mov: npt.NDArray[np.float32], use: npt.NDArray[np.bool_], step: int
+) -> _Pattern:
+    half = np.float32(0.5)
+    inner = slice(1, -1, step)
+    gx = half * (ref[inner, 2::step] - ref[inner, :-2:step])
+    gy = half * (ref[2::step, inner] - ref[:-2:step, inner])
+    held = use[inner, inner] & np.isfinite(gx) & np.isfinite(gy)
+    return _Pattern(
+        np.where(held, ref[inner, inner], np.float32(np.nan)), np.where(held, gx, 0), np.where(held, gy, 0), mov, step
+    )
+
+
+def _sums(
+    one: _Pattern, u: float, v: float, scale: float, residuals: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """`_normal_equations` over all rows."""
+    slabs = in_slabs(
+        one.ref.shape[0],
+        lambda first, last: _normal_equations(
+            one.ref, one.gx, one.gy, one.mov, u, v, scale, one.step, residuals, first, last
+        ),
+    )
+    return np.sum(slabs, axis=0)  # type: ignore[no-any-return]  # numba is untyped
+
+
+def _refine(channels: list[_Pattern], every: int, start: tuple[int, int]) -> _Fit | None:
     """Gauss-Newton from one start; None where it cannot be done."""
     u, v = float(start[0]), float(start[1])
-    count_used = int(use.sum())
-    step = 1 if count_used < 300_000 else 2
     samples = [np.empty(SAMPLED) for _ in channels]
-    every = max(1, count_used // step**2 // SAMPLED)
+    residuals_of = [np.empty(one.ref.shape) for one in channels]
+    step = channels[0].step
     scales = [1.0 for _ in channels]
     for turn in range(ROUNDS):
         total, right = np.zeros((2, 2)), np.zeros(2)
         residuals = []
-        for index, (ref, mov) in enumerate(channels):
-            axx, axy, ayy, bx, by, count, kept = _normal_equations(
-                ref, mov, use, u, v, scales[index], step, every, samples[index]
-            )
+        for index, one in enumerate(channels):
+            axx, axy, ayy, bx, by = _sums(one, u, v, scales[index], residuals_of[index])
+            count, kept = _some(residuals_of[index], every, samples[index])
             if count < 50:
                 return None
             total += np.array([[axx, axy], [axy, ayy]]) / scales[index] ** 2

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from functools import lru_cache
+from functools import lru_cache, partial
 from types import MappingProxyType
 
 import numpy as np
@@ -16,12 +16,17 @@ from .crack_widths import CrackOpenings, crack_openings, opening_sigma
 from .cracks import crack_mask
 from .curl import edge_lift
 from .plates import Plate, find_plates
+from .slabs import side_by_side
 from .values import Comparison, Measurement, Metric
 from .volume import Volumes, volumes
 
 __all__ = ["METRICS", "measure"]
 
 NOT_MEASURED = Measurement(float("nan"), float("nan"))
+OF_PLATE = (
+    "That plate's: spread of dz about its profile from the edge, 25 cells sharing each error; the edge, to a cell."
+)
+OF_PLATES = "Mean of the plates' own, weighted by area: they are not taken to cancel."
 
 
 # Several metrics need the same intermediate result of one comparison. Each cache holds one, keyed by identity
@@ -256,6 +261,7 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "Largest lift of a plate",
                 "Edge lift of the plate that curls most, its tilt taken out.",
                 _largest_of_plates("lift"),
+                OF_PLATE,
             ),
             Metric(
                 "plate_lift_p95",
@@ -263,6 +269,7 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "Lift that 95 % of plates stay below",
                 "Edge lift that plates of 95 % of the plates' area do not exceed.",
                 _largest_of_plates("lift", 0.95),
+                OF_PLATE,
             ),
             Metric(
                 "curl_angle",
@@ -270,6 +277,7 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "Curl angle",
                 "Mean angle by which the plates' edges have turned up since the baseline, weighted by area.",
                 _mean_of_plates("angle"),
+                OF_PLATES,
             ),
             Metric(
                 "curl_angle_largest",
@@ -277,6 +285,7 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "Largest curl angle of a plate",
                 "Angle by which the edge of the plate that turned most has turned up since the baseline.",
                 _largest_of_plates("angle"),
+                OF_PLATE,
             ),
             Metric(
                 "curl_curvature",
@@ -284,6 +293,7 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "Curl curvature",
                 "Mean curvature across the plates' edges since the baseline, weighted by area; + is concave up.",
                 _mean_of_plates("curvature"),
+                OF_PLATES,
             ),
             Metric(
                 "covered",
@@ -338,6 +348,9 @@ def measure(comparison: Comparison, names: Iterable[str]) -> dict[str, Measureme
     if unknown:
         raise KeyError(f"no metric {unknown[0]!r}: choose from {', '.join(METRICS)}")
     try:
+        # what takes longest does not need each other; the caches hold it for the metrics
+        if {"net_volume", "crack_length"} <= set(wanted):
+            side_by_side(partial(_volumes, comparison), partial(_openings, comparison))
         return {name: METRICS[name].measure(comparison) for name in wanted}
     finally:
         for cached in (_volumes, _crack, _openings, _depths, _plates):

@@ -9,18 +9,19 @@ from numba import njit
 from ..grid import Grid
 from ..scan import LEVEL_NONE, Scan
 from .motion import Motion
+from .slabs import in_slabs
 
 __all__ = ["apply_motion"]
 
 
 @njit(cache=True, nogil=True)
 def _resample(  # type: ignore[no-untyped-def]  # numba infers the types from the arrays
-    height, sigma, texture, level, inverse, matrix, place, out_height, out_sigma, out_texture, out_level
+    height, sigma, texture, level, inverse, matrix, place, out_height, out_sigma, out_texture, out_level, first, last
 ):
     x0, y0, pitch, new_x0, new_y0, new_pitch = place
     rows, columns = height.shape
     tilt = abs(inverse[0, 2]) + abs(inverse[1, 2])
-    for i in range(out_height.shape[0]):
+    for i in range(first, last):
         y = new_y0 + i * new_pitch
         for j in range(out_height.shape[1]):
             x = new_x0 + j * new_pitch
@@ -128,9 +129,6 @@ def apply_motion(scan: Scan, motion: Motion, grid: Grid | None = None) -> Scan:
     place: npt.NDArray[np.float64] = np.array(
         [source.x0_mm, source.y0_mm, source.pitch_mm, grid.x0_mm, grid.y0_mm, grid.pitch_mm]
     )
-    _resample(
-        *(scan.height, scan.sigma, scan.texture, scan.level),
-        *(np.linalg.inv(motion.matrix), motion.matrix, place),
-        *(height, sigma, texture, level),
-    )
+    given = scan.height, scan.sigma, scan.texture, scan.level, np.linalg.inv(motion.matrix), motion.matrix, place
+    in_slabs(grid.rows, lambda first, last: _resample(*given, height, sigma, texture, level, first, last))
     return Scan(grid, scan.time, height, sigma, texture, level, scan.calibration_id)

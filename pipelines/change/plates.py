@@ -9,6 +9,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from .curl import EDGE_BAND_MM, INTERIOR_SHARE, LEAST_CELLS, LEAST_PLATE_MM2, SHARED_ERROR_CELLS, crack_distance
+from .plate_sums import band_sums
 from .smoothing import MAD_TO_SIGMA
 from .values import Comparison, Measurement
 
@@ -164,13 +165,12 @@ def _measured(
 
     # the crack's edge is known to a cell (uniform): what each number would be a cell further in
     def turned(shift: float) -> float:
-        use = known & (d > low + shift) & (d < high + shift)
-        rise, slope = -_line(d[use], dz[use]), -_line(d[use], then[use])
+        sums = band_sums(d, dz, then, low + shift, high + shift)
+        rise, slope = -sums.slope_now, -sums.slope_then
         return float(np.rad2deg(np.arctan(slope + rise) - np.arctan(slope)))
 
     def bent(shift: float) -> float:
-        use = known & (d > CURVED_MM[0] + shift) & (d < CURVED_MM[1] + shift)
-        return 2 * _parabola(d[use], dz[use])
+        return 2 * band_sums(d, dz, then, CURVED_MM[0] + shift, CURVED_MM[1] + shift).bend
 
     shifted = known & (d > low + grid.pitch_mm) & (d < high + grid.pitch_mm)
     lift_placed = float(dz[shifted].mean() - dz[edge].mean()) if shifted.any() else 0.0
@@ -178,8 +178,7 @@ def _measured(
     shared = SHARED_ERROR_CELLS
     band = d[edge]
     lever = float(np.sqrt(((band - band.mean()) ** 2).sum()))
-    wide = d[known & (d > CURVED_MM[0]) & (d < CURVED_MM[1])]
-    bend = float(np.sqrt(_bend_lever(wide)))
+    bend = float(np.sqrt(band_sums(d, dz, then, *CURVED_MM).bend_lever))
     root3 = np.sqrt(3)
     return Plate(
         label=label,
@@ -250,24 +249,3 @@ def _line(d: Floats, z: Floats) -> float:
     about = d - d.mean()
     lever = float(about @ about)
     return float(about @ (z - z.mean())) / lever if lever > 0 else float("nan")
-
-
-def _parabola(d: Floats, z: Floats) -> float:
-    """Quadratic coefficient of the parabola of least squares; NaN of too few cells."""
-    if d.size < LEAST_CELLS:
-        return float("nan")
-    about = d - d.mean()
-    terms = np.stack([np.ones_like(about), about, about**2])
-    try:
-        return float(np.linalg.solve(terms @ terms.T, terms @ z)[2])
-    except np.linalg.LinAlgError:
-        return float("nan")
-
-
-def _bend_lever(d: Floats) -> float:
-    """Sum of squares of d^2 about its regression on 1 and d: it divides the quadratic coefficient's variance."""
-    if d.size < LEAST_CELLS:
-        return 0.0
-    about = d - d.mean()
-    square = about**2 - (about**2).mean()
-    return float(square @ square - (square @ about) ** 2 / max(float(about @ about), 1e-12))

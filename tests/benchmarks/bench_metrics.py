@@ -1,7 +1,8 @@
-"""Change and metrics, everything and the video recipe, at two sizes, beside the floor of one difference."""
+"""Change and metrics, everything by part, and the video recipe, at two sizes, beside the floor of reading the maps."""
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable
 from functools import partial
@@ -16,24 +17,34 @@ SIZES = ((1000, 1000, 1.0), (1440, 2560, 4.0))
 """Rows, columns, and what change and every metric may take on two cores, s."""
 VIDEO = "net_volume", "gained_volume", "lost_volume", "covered"
 VIDEO_S = 0.3
+VIDEO_SIZE = SIZES[1][:2]
+PARTS = {
+    "volumes": ("net_volume", "gained_volume", "lost_volume"),
+    "crack mask, lines, openings": ("crack_area", "crack_length", "crack_opening"),
+    "the same and depths": ("crack_depth", "crack_volume", "crack_seen"),
+    "crack mask and edge lift": ("edge_lift",),
+    "crack mask and plates": tuple(name for name in METRICS if name.startswith(("plate_", "curl_"))),
+}
+"""What is asked for alone; each part computes what it shares with others again."""
 SIDE_MM = 9.0
-RUNS = 3
+RUNS = 2
 
 
 def scan_at(rows: int, columns: int, hours: float) -> Scan:
-    """A cracked soil of 9 mm height with 3 um of noise."""
+    """A cracked soil of 9 mm height with 3 um of noise; more columns than rows are the first ones mirrored."""
     pitch = SIDE_MM / rows
     grid = Grid(rows, columns, pitch, -columns * pitch / 2, -SIDE_MM / 2)
-    height = Soil(side_mm=columns * pitch + 1).at(grid.x_mm[None, :], grid.y_mm[:, None]).height(hours)
+    soil = Soil(side_mm=SIDE_MM + 1).at(grid.y_mm[None, :], grid.y_mm[:, None]).height(hours)
+    height = np.pad(soil, ((0, 0), (0, columns - rows)), mode="symmetric")
     height += np.random.default_rng(int(hours)).normal(0, 0.003, grid.shape)
-    texture = np.clip(128 + 400 * height, 0, 255).astype(np.uint8)
+    texture = np.clip(128 + 400 * np.nan_to_num(height), 0, 255).astype(np.uint8)
     level = np.full(grid.shape, 0, np.uint8)
     level[~np.isfinite(height)] = LEVEL_NONE
     at = parse_instant("2026-01-01T00:00:00Z") + np.timedelta64(int(hours), "h")
     return Scan(grid, at, height.astype(np.float32), np.full(grid.shape, 0.003, np.float32), texture, level)
 
 
-def cpu_seconds(job: Callable[[], object]) -> tuple[float, float]:
+def timed(job: Callable[[], object]) -> tuple[float, float]:
     """Least CPU and least wall seconds of some runs, after one that compiles and fills caches."""
     job()
     taken = []
@@ -44,31 +55,40 @@ def cpu_seconds(job: Callable[[], object]) -> tuple[float, float]:
     return min(cpu for cpu, _ in taken), min(wall for _, wall in taken)
 
 
-def _measured(after: Scan, before: Scan, names: tuple[str, ...]) -> object:
+def show(what: str, job: Callable[[], object], bar: float | None = None) -> None:
+    """Print one line."""
+    cpu, wall = timed(job)
+    print(f"  {what:<30} {cpu:7.3f} {wall:7.3f}" + ("" if bar is None else f"   may take {bar:.1f}"), flush=True)
+
+
+def _read(*scans: Scan) -> object:
+    return [np.nanmax(array) for scan in scans for array in (scan.height, scan.sigma, scan.texture, scan.level)]
+
+
+def _everything(after: Scan, before: Scan, names: tuple[str, ...]) -> object:
     return measure(compare(after, before), names)
 
 
 def _video(after: Scan, before: Scan, bare: Substrate) -> object:
-    return _measured(after, before, VIDEO), find_objects(after, bare)
+    return _everything(after, before, VIDEO), find_objects(after, bare)
 
 
 def main() -> None:
-    """Print the figures; a machine that does other things too shows in wall, not in CPU seconds."""
-    print("change and metrics (CPU s; what it may take is wall on 2 idle cores)")
-    for rows, columns, may in SIZES:
+    """Print the figures; what else the machine does shows in wall, not in CPU seconds. `--parts` adds the parts."""
+    for rows, columns, bar in SIZES:
+        print(f"{rows} x {columns}                      CPU s  wall s")
         before, after = scan_at(rows, columns, 24.0), scan_at(rows, columns, 72.0)
-        floor, _ = cpu_seconds(partial(np.subtract, after.height, before.height))
-        alone, _ = cpu_seconds(partial(compare, after, before))
-        everything, wall = cpu_seconds(partial(_measured, after, before, tuple(METRICS)))
-        bare = bare_substrate([before])
-        assert bare is not None
-        recipe, recipe_wall = cpu_seconds(partial(_video, after, before, bare))
-        limit = f" (may take {VIDEO_S} s)" if rows > 1000 else ""
-        print(
-            f"  {rows} x {columns}: everything {everything:.2f} CPU s, {wall:.2f} s wall (may take {may:.1f} s), "
-            f"of which registration and difference {alone:.2f}; video recipe {recipe:.2f} CPU s, "
-            f"{recipe_wall:.2f} s wall{limit}; one difference {1000 * floor:.1f} ms"
-        )
+        show("floor: read both scans", partial(_read, after, before))
+        show("change and every metric", partial(_everything, after, before, tuple(METRICS)), bar)
+        if (rows, columns) == VIDEO_SIZE:
+            bare = bare_substrate([before])
+            assert bare is not None
+            show("video recipe", partial(_video, after, before, bare), VIDEO_S)
+        if "--parts" in sys.argv:
+            show("compare", partial(compare, after, before))
+            comparison = compare(after, before)
+            for part, names in PARTS.items():
+                show(part, partial(measure, comparison, names))
 
 
 if __name__ == "__main__":

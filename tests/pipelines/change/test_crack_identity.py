@@ -209,7 +209,7 @@ def kept(before: dict[int, int], after: dict[int, int], found: CrackSightings) -
 
 
 # seeds that were not looked at while the rules were made
-@pytest.mark.parametrize("seed", [57, 83])
+@pytest.mark.parametrize("seed", [57, pytest.param(83, marks=pytest.mark.soak)])
 def test_a_soil_that_dries(seed: int) -> None:
     drying = Drying(seed)
     ages = [6.0, 7.0, 8.0, 9.0, 12.0, 20.0, 60.0]

@@ -150,10 +150,10 @@ TOO_WIDE = pytest.mark.xfail(strict=True, reason="floors of the fourth power, 14
     ("seed", "age_h"),
     [
         (4711, 14.0),
-        (4711, 25.0),
-        (4711, 100.0),
-        pytest.param(815, 14.0, marks=TOO_WIDE),
-        (815, 25.0),
+        pytest.param(4711, 25.0, marks=pytest.mark.soak),
+        pytest.param(4711, 100.0, marks=pytest.mark.soak),
+        pytest.param(815, 14.0, marks=[TOO_WIDE, pytest.mark.soak]),
+        pytest.param(815, 25.0, marks=pytest.mark.soak),
         (815, 100.0),
     ],
 )
@@ -161,7 +161,18 @@ def test_the_drying_soil(seed: int, age_h: float) -> None:
     judge(drying_soil(seed, age_h), 0.85, f"soil {seed} at {age_h:.0f} h", narrow=age_h < 20)
 
 
-@pytest.mark.parametrize(("width_mm", "least_overlap"), [(0.06, 0.6), (0.1, 0.85), (0.17, 0.85), (0.3, 0.85)])
-@pytest.mark.parametrize("seed", [616, 2718])
+@pytest.mark.parametrize(
+    ("seed", "width_mm", "least_overlap"),
+    [
+        (616, 0.06, 0.6),
+        (616, 0.17, 0.85),
+        (2718, 0.1, 0.85),
+        (2718, 0.3, 0.85),
+        pytest.param(616, 0.1, 0.85, marks=pytest.mark.soak),
+        pytest.param(616, 0.3, 0.85, marks=pytest.mark.soak),
+        pytest.param(2718, 0.06, 0.6, marks=pytest.mark.soak),
+        pytest.param(2718, 0.17, 0.85, marks=pytest.mark.soak),
+    ],
+)
 def test_parabolic_soils(seed: int, width_mm: float, least_overlap: float) -> None:
     judge(parabolic_soil(seed, width_mm), least_overlap, f"parabolic {seed}, {width_mm} mm", narrow=width_mm < 0.15)
