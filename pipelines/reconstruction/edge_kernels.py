@@ -85,23 +85,32 @@ def _swing(stack, white, black, plus, minus, tilt, contrast, scale, i, j):  # ty
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _between(a, b, full_a, full_b, noise):  # type: ignore[no-untyped-def]  # numba infers
-    """Where an edge lies between two pixels of opposite swings, 0 to 1, and the inverse of its slope, px per count.
+    """Where an edge lies between two pixels of opposite swings, 0 to 1, and its variance, px squared.
 
     An edge that a lens has blurred is an error function of the distance. A straight line between two pixels misses it
     by up to a tenth of a pixel where it is sharp, its inverse (`P`, `Q`) does not, whatever the blur; and measured by
-    each pixel's own full swing an edge lies right where the surface is darker on one side.
+    each pixel's own full swing an edge lies right where the surface is darker on one side. Noise of both swings, and of
+    both full swings, moves it by the slope of that inverse: most where one pixel has nearly its full swing, least in
+    the middle of a wide edge.
     """
+    one, p, q = np.float32(1), np.float32(P), np.float32(Q)
     least = np.float32(1 / CLEAR)
     full_a, full_b = max(full_a, abs(a) * least), max(full_b, abs(b) * least)
-    a2, b2, fa2, fb2 = a * a, b * b, full_a * full_a, full_b * full_b
-    under_a, under_b = fa2 - np.float32(Q) * a2, fb2 - np.float32(Q) * b2
-    u = a * (fa2 - np.float32(P) * a2) * under_b * full_b
-    v = b * (fb2 - np.float32(P) * b2) * under_a * full_a
-    low, high = a * full_b, b * full_a
-    share = np.float32(1) / ((u - v) * (low - high))
-    part, slope = u * (low - high) * share, under_a * under_b * full_b * (low - high) * share
-    off = (v * low - u * high) * share
-    return part, noise * slope * slope + off * off * np.float32(UNSURE)
+    whole = one / (full_a * full_b)
+    per_a, per_b = whole * full_b, whole * full_a
+    low, high = a * per_a, b * per_b
+    a2, b2 = low * low, high * high
+    under_a, under_b = one - q * a2, one - q * b2
+    over = one / (under_a * under_b)
+    over_a, over_b = over * under_b, over * under_a
+    u, v = low * (one - p * a2) * over_a, high * (one - p * b2) * over_b  # distances, in widths of the blur
+    share = one / ((u - v) * (low - high))
+    part, scale, off = u * (low - high) * share, (low - high) * share, (v * low - u * high) * share
+    bend = q - np.float32(3) * p
+    slope_a = (one - part) * per_a * over_a * over_a * (one + a2 * (bend + p * q * a2))
+    slope_b = part * per_b * over_b * over_b * (one + b2 * (bend + p * q * b2))
+    moved = slope_a * slope_a * (one + a2) + slope_b * slope_b * (one + b2)
+    return part, noise * scale * scale * moved + off * off * np.float32(UNSURE)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

@@ -35,7 +35,9 @@ F32 = npt.NDArray[np.float32]
 Source = Callable[[int, int, F32], None]
 """Writes x, y, z (camera frame) and sigma of some image rows into planes, (4, row, column)."""
 
-SHARED = 2.0  # widths of the finest stripe that share an edge's error: the cells at both its sides are placed by it
+# Widths of the finest stripe that share an error. Edges err independently, one a stripe; a position between two of them
+# has (1 - t)^2 + t^2 of their variance, two thirds in the mean: so many stripes are worth that share of them.
+SHARED = 1.5
 USELESS = 0.01  # of the field of view: a point less certain than that tells nothing of a surface
 PIXEL_ROWS = 64  # image rows that are worked on at once: their points stay in the cache
 CELL_ROWS = 16  # rows of the grid, likewise
@@ -65,9 +67,11 @@ def to_scan(
     planes of the pixels that cover it. Single holes in a surface are filled from opposite neighbours; wider gaps, and
     narrow ones that go on, stay NaN.
 
-    Neighbouring points are placed between the same edges of stripes, seen through the same blur, so n points of a cell
-    are worth (1 + (sqrt(n) - 1) / s)^2 independent ones, s being `SHARED` widths of the stripes in camera pixels. What
-    the calibration leaves open they share altogether.
+    Neighbouring points are placed between the same edges of stripes, so n points of a cell are worth
+    (1 + (sqrt(n) - 1) / s)^2 independent ones, s being `SHARED` widths of the stripes in camera pixels: along the lines
+    by geometry, and across them because relief, texture and blur reach about as far there. Noise alone is independent
+    from line to line: of smooth surfaces sigma is then too large. What the calibration leaves open they share
+    altogether.
 
     Parameters
     ----------

@@ -67,7 +67,9 @@ def robust_sd(values: Floats) -> float:
 )
 def test_sigma_is_true_in_bins_of_sigma(scene: str, age_h: float, options: dict[str, Any]) -> None:
     error, sigma = errors(measured(scene, 0, age_h, **options), scene, age_h, **options)
-    parts = np.array_split(np.argsort(sigma), 8)[:-1]  # the last holds pixels without an edge to either side
+    # On soil the last of eight bins is left out. It holds pixels without an edge to both sides, whose sigma is that of
+    # the middle of a whole cell, and those at walls: no normal distribution, 0.62 by the median and 1.6 by the mean.
+    parts = np.array_split(np.argsort(sigma), 8)[: 7 if scene == "soil" else 8]
     ratios = [robust_sd(error[part] / sigma[part]) for part in parts]
     print(
         f"{scene}: error {1000 * robust_sd(error):.2f} um, sigma {1000 * np.median(sigma):.2f} um, "
@@ -79,13 +81,13 @@ def test_sigma_is_true_in_bins_of_sigma(scene: str, age_h: float, options: dict[
 def test_repeats_scatter_as_sigma_says() -> None:
     """A plane, the same place, new noise and new flicker: nothing but decoding differs between the captures."""
     options = {"z_mm": 0.1, "slope_x": 0.02, "slope_y": 0.05}
-    maps = [measured("plane", number, **options) for number in range(1, 7)]
+    maps = [measured("plane", number, **options) for number in range(1, 5)]
     both = np.logical_and.reduce([points.valid for points in maps])
     depth = np.stack([points.xyz[..., 2][both] for points in maps]).astype(np.float64)
     sigma = np.sqrt(np.mean([points.sigma_z[both].astype(np.float64) ** 2 for points in maps], axis=0))
     spread = depth.std(axis=0, ddof=1)
-    parts = np.array_split(np.argsort(sigma), 5)[:-1]
-    # the median of a standard deviation of 6 is 0.933 of the true one
-    ratios = [float(np.median(spread[part] / sigma[part])) / 0.933 for part in parts]
+    parts = np.array_split(np.argsort(sigma), 5)[:-1]  # the last: pixels without an edge repeat to the same cell
+    # the median of a standard deviation of 4 is 0.888 of the true one
+    ratios = [float(np.median(spread[part] / sigma[part])) / 0.888 for part in parts]
     print(f"repeats: sd {1000 * np.median(spread):.3f} um, over sigma {np.round(ratios, 2)}")
     assert np.allclose(ratios, 1, atol=0.2)

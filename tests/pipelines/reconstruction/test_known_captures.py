@@ -94,13 +94,15 @@ def test_real_board(real: list[Decoded], method: CornerMethod) -> None:
         distance = off_plane(points.xyz[rows, columns].astype(np.float64))
         bent = np.full(points.valid.shape, np.nan)
         bent[rows, columns] = distance
-        # the calibration bends the whole field: of single pixels the part within 41 px is judged, by their own sigma
+        # The calibration bends the whole field, far more than decoding errs at 3.5 m: the plane as a whole is judged by
+        # all of sigma, from both sides. That would hide a wrong sigma of decoding, so what is left within 41 px, where
+        # the calibration's part is even, is judged by that alone: unlike the whole it is of many errors, not of one.
         local = (bent - smooth(bent, 41))[rows, columns]
         chi = robust_sd(local / narrowed(points, rig).sigma_z[rows, columns])
         sd, said = robust_sd(distance), float(np.median(points.sigma_z[rows, columns]))
         print(f"  plane sd {sd:.3f} mm, sigma_z says {said:.3f} mm; within 41 px error over sigma {chi:.2f}")
         assert sd < 1.5
-        assert sd < 1.2 * said
+        assert 0.5 < sd / said < 1.2
         assert 0.5 < chi < 2
 
 
@@ -229,7 +231,7 @@ def test_the_whole_way_is_right_and_says_how_sure_it_is(
     U, _, V = np.linalg.svd((b[good] - cb).T @ (a[good] - ca))
     turned = (points - cb) @ (U @ np.diag([1, 1, np.linalg.det(U @ V)]) @ V) + ca
     true = replace(found, xyz=np.where(found.valid[..., None], turned, np.nan).astype(np.float32))
-    for pitch in (None, 0.03, 0.05):  # one point in a cell, two, and six
+    for pitch in (None, 0.03, 0.05, 0.1):  # one point in a cell, two, six and 25
         grid = footprint_grid(rendered_rig, pitch)
         scan, known = (to_scan(each, rendered_rig, grid, frames.time) for each in (found, true))
         both = np.isfinite(scan.height) & np.isfinite(known.height)
