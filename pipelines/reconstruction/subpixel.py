@@ -9,11 +9,12 @@ import numpy.typing as npt
 
 from .cells import AxisCells, Cells, spread_of_contrast
 from .decode import decode
-from .edge_kernels import REACH, TILE, Pictures, along_columns, along_rows, settle
+from .edge_kernels import REACH, Pictures, along_columns, along_rows
 from .frames import Frames
 from .light import ROUNDING, Light, frame_indices, frame_of, read_light
 from .patterns import AXES
 from .pixel_maps import Decoded
+from .scatter_kernels import TILE, settle
 from .slabs import in_slabs
 from .threshold import edge_levels
 

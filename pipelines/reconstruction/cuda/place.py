@@ -6,27 +6,13 @@ import numpy as np
 from numba import cuda, float32
 
 from ..cells import AxisCells
-from ..edge_kernels import (
-    LINES,
-    REACH,
-    TILE,
-    _add_bend,
-    _crossings,
-    _edges_between,
-    _limit,
-    _root,
-    _second,
-    _sum_of,
-    _unexplained,
-    _usual,
-    lags_across,
-    levels_of,
-)
+from ..edge_kernels import REACH, _crossings, _edges_between, levels_of
 from ..frames import Frames
 from ..kernels import NO_CELL
 from ..light import read_light
 from ..patterns import AXES
 from ..pixel_maps import Decoded
+from ..scatter_kernels import LINES, TILE, _add_bend, _limit, _root, _second, _sum_of, _unexplained, _usual, lags_across
 from ..subpixel import RUNS, line_pictures, raster, shared_by, telling_lines
 from ..threshold import edge_levels
 from .card import OnCard, cached, clear, empty, kernel, launch, up

@@ -13,7 +13,7 @@ import numpy as np
 from numba.cuda.simulator import kernel
 
 from pipelines.reconstruction import device
-from pipelines.reconstruction.edge_kernels import settle
+from pipelines.reconstruction.scatter_kernels import settle
 from pipelines.reconstruction.subpixel import _shared_by_lines
 from tests.pipelines.reconstruction.both_devices import Difference, _difference, both, scenes
 
