@@ -25,6 +25,9 @@ REACHES = (1, 2)
 """Windows of 3x3 and of 5x5 pixels."""
 FAINT = 3.0
 """Pixels up to so many times as bright as one that is just lit may be summed: brighter ones would outweigh the rest."""
+SPILL = ((4, FAINT), (12, 8.0))
+"""Within so many camera px nothing may be so many times as bright as a pixel that is just lit: what is faint there may
+be its light, spilt by the lens into a shadow, with its codes."""
 SMEAR_PX = 3.0
 """A window may span so many projector px of the finest stripes' period of 4: over all of it nothing would be left."""
 RASTER = 16
@@ -41,7 +44,7 @@ def integrate(frames: Frames, cells: Decoded, found: Decoded, light: Light) -> D
 
     Such a pixel is not lit, or lit by less than `FAINT` times what it takes and in doubt where the noise, not a share
     of its light, was the limit. The frames are summed over 3x3 pixels around it, or 5x5 where that does not suffice,
-    leaving out what is bright or saturated, and the sums are decoded by the rules of single pixels against the noise of
+    not beside what is bright (`SPILL`), and the sums are decoded by the rules of single pixels against the noise of
     the sum. So shadow stays shadow: nothing adds up there; and light thrown by walls, which has lost its fine stripes,
     fails the share of white minus black that each pattern must have. Of a window that would smear the finest stripes,
     coarser ones are read. A pixel stays if the map goes on straight to it from places of other windows, and not if its
@@ -91,7 +94,13 @@ def _faint(frames: Frames, cells: Cells) -> tuple[Mask, Mask]:
     for axis, step in zip(cells.axes, cells.steps, strict=True):
         if axis is not None:
             missing |= step == 0
-    return usable & missing, usable
+    missing &= usable
+    if missing.any():
+        from scipy.ndimage import maximum_filter
+
+        for reach, times in SPILL:
+            missing &= maximum_filter(cells.contrast, 2 * reach + 1) < times * least
+    return missing, usable
 
 
 class _Work:

@@ -8,11 +8,12 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from pipelines import Decoded, Frames, PatternSet
 from pipelines.reconstruction import locate
 
-from .synthetic_capture import View, slanted, take
+from .synthetic_capture import NOON, View, slanted, take
 
 GRAY = PatternSet("gray", (128, 96))
 SHAPE = (120, 180)
@@ -94,3 +95,13 @@ def test_bright_captures_are_left_alone() -> None:
     before, after = locate(frames), locate(frames, local_integration=True)
     for name in ("column", "row", "sigma_column", "sigma_row", "level"):
         assert np.array_equal(getattr(before, name), getattr(after, name), equal_nan=True)
+
+
+def test_light_that_the_lens_spills_into_a_shadow_is_not_read() -> None:
+    view = replace(slanted(*SHAPE, GRAY.size), blur_px=0.3)
+    stack = take(view, GRAY, seed=3).stack.astype(np.float64)
+    stack[:, 40:80, 60:120] = view.dark
+    noise = np.random.default_rng(6).normal(0, 1.0, stack.shape)
+    seen = np.rint(gaussian_filter(stack, (0, 1.2, 1.2)) + noise).clip(0, 255).astype(np.uint8)
+    frames = Frames(seen, NOON, GRAY)
+    assert not added(locate(frames), locate(frames, local_integration=True))[40:80, 60:120].any()
