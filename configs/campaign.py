@@ -189,6 +189,11 @@ class Reconstruct(Settings):
     remove_background: bool = Field(
         default=True, strict=True, description="Remove what stands well apart behind the object (K-means)."
     )
+    local_integration: bool = Field(
+        default=False,
+        strict=True,
+        description="Read pixels that are too faint by themselves from sums over 3x3 or 5x5 pixels (Gray code only).",
+    )
 
 
 class Register(Settings):

@@ -112,6 +112,7 @@ def make_recipe(campaign: Campaign, patterns: PatternSet, calibration: Calibrati
         campaign.metrics,
         campaign.alarms,
         remove_background=campaign.reconstruct.remove_background,
+        local_integration=campaign.reconstruct.local_integration,
         keep_frames=kept != "off",
         frames_for=np.timedelta64(kept, "ns") if isinstance(kept, timedelta) else None,
     )

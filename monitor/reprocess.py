@@ -46,6 +46,7 @@ class Rules:
     """Hash of the campaign's settings."""
     noise: NoiseModel | None = None
     """What levels of detection rest on: the newest noise model in the store."""
+    local_integration: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,6 +135,7 @@ def rules_of(given: Campaign | None, store: Store) -> Rules:
         campaign.reconstruct.remove_background,
         store.about.campaign_hash if given is None else campaign_hash(given, read_pattern_set(given)),
         store.about.noise,
+        campaign.reconstruct.local_integration,
     )
 
 
@@ -241,7 +243,13 @@ def _remake(job: Job, store: Store, number: int) -> Remade:
         outcome = NO_FRAMES if number in job.remake else "compared with a new baseline"
     else:
         used = job.calibration or store.calibration(scan.calibration_id)
-        recipe = Recipe(frames.patterns, used, job.rules.grid, remove_background=job.rules.remove_background)
+        recipe = Recipe(
+            frames.patterns,
+            used,
+            job.rules.grid,
+            remove_background=job.rules.remove_background,
+            local_integration=job.rules.local_integration,
+        )
         try:
             found = remarks(frames)
             scan, notes, outcome = make_scan(frames, recipe), found, FROM_FRAMES

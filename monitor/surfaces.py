@@ -87,7 +87,9 @@ def _read(path: Path, rig: Calibration | None, patterns: PatternSet | None, pitc
     return read_height_map(path, print)
 
 
-def measure_points(path: Path, frames: Frames, rig: Calibration, on: rec.Device | None = None) -> PointMap:
+def measure_points(
+    path: Path, frames: Frames, rig: Calibration, on: rec.Device | None = None, *, local_integration: bool = False
+) -> PointMap:
     """Reconstruct the capture that was read from a folder, on the CPU or another device.
 
     Raises
@@ -98,7 +100,10 @@ def measure_points(path: Path, frames: Frames, rig: Calibration, on: rec.Device 
         If not one pixel was measured.
     """
     try:
-        points = (on or rec.device("cpu")).reconstruct(frames, rig)
+        if local_integration:
+            points = rec.reconstruct(frames, rig, local_integration=True)  # there is none on a GPU
+        else:
+            points = (on or rec.device("cpu")).reconstruct(frames, rig)
     except ValueError as error:
         raise InputError(f"{path}: {error}") from error
     if not points.valid.any():

@@ -66,6 +66,8 @@ class Recipe:
     alarms : tuple of Alarm
     remove_background : bool
         Remove what stands well apart behind the object.
+    local_integration : bool
+        Read pixels too faint by themselves from sums over a window.
     keep_frames : bool
     frames_for : timedelta64 or None
         How long frames are kept; None for ever.
@@ -81,6 +83,7 @@ class Recipe:
     metrics: tuple[str, ...] = ()
     alarms: tuple[Alarm, ...] = ()
     remove_background: bool = True
+    local_integration: bool = False
     keep_frames: bool = False
     frames_for: np.timedelta64 | None = None
     noise: NoiseModel | None = None
@@ -116,7 +119,13 @@ def make_scan(frames: Frames, recipe: Recipe) -> Scan:
     """
     from pipelines.reconstruction import scan_frames
 
-    scan = scan_frames(frames, recipe.calibration, recipe.grid, remove_background=recipe.remove_background)
+    scan = scan_frames(
+        frames,
+        recipe.calibration,
+        recipe.grid,
+        remove_background=recipe.remove_background,
+        local_integration=recipe.local_integration,
+    )
     if not np.isfinite(scan.height).any():
         raise CaptureError("no cell was measured: is the projector on, and the object in the field of view?")
     return scan

@@ -31,6 +31,7 @@ def reconstruct(
     patterns: Path | None = None,
     pitch_mm: float | None = None,
     keep_background: Annotated[bool, Parameter(negative="")] = False,
+    local_integration: Annotated[bool, Parameter(negative="")] = False,
     device: rec.DeviceName = "cpu",
     force: Annotated[bool, Parameter(negative="")] = False,
 ) -> None:
@@ -54,6 +55,8 @@ def reconstruct(
         Side of a cell; by default about one camera pixel.
     keep_background
         Keep a background that stands well apart.
+    local_integration
+        Read pixels that are too faint by themselves from sums over 3x3 or 5x5 pixels; of Gray code, on the CPU.
     device
         What works it out: the CPU, or an NVIDIA GPU (`pip install 'microrelief[cuda]'`). Both give the same numbers.
     force
@@ -64,11 +67,13 @@ def reconstruct(
     microrelief reconstruct captures/0001 --calibration calibration.json --out soil.nc
     """
     check_out(out, pitch_mm)
+    if local_integration and device != "cpu":
+        raise InputError(f"--local-integration: works on the CPU only; leave out --device {device}")
     on = _device(device)
     rig = read_calibration(calibration)
     frames = read_capture(capture, read_patterns(patterns) if patterns is not None else None)
     unfit = _judged(frames, capture, force=force)
-    points = measure_points(capture, frames, rig, on)
+    points = measure_points(capture, frames, rig, on, local_integration=local_integration)
     if unfit:
         raise CaptureError(unfit)
     print(_about_points(points))

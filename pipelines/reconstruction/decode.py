@@ -22,11 +22,16 @@ from .stray_light import refuse_strays
 from .stripes import decode_stripes
 from .surface_light import show_light
 
-__all__ = ["decode"]
+__all__ = ["LEAST_SWING", "SURE_BIT", "SURE_LIT", "decode"]
+
+LEAST_SWING = 0.1
+"""Least swing of a certain bit, of white minus black."""
+SURE_BIT, SURE_LIT = 3, 6
+"""Standard deviations of its noise that a certain bit, and white minus black of a lit pixel, must exceed."""
 
 
 def decode(
-    frames: Frames, *, relative: float = 0.1, noise: float | None = None, into: Decoded | None = None
+    frames: Frames, *, relative: float = LEAST_SWING, noise: float | None = None, into: Decoded | None = None
 ) -> Decoded:
     """Decode a capture.
 
@@ -93,7 +98,7 @@ class _Pass:
         top = 256**self.stack.itemsize - 1
         bits, plus, minus = frame_indices(self.patterns)
         share = np.array([round(256 * self.relative)], dtype=np.uint32 if wide else np.uint16)
-        limits = (min(ceil(3 * sqrt(2) * self.sd), top), min(ceil(6 * sqrt(2) * self.sd), top))
+        limits = tuple(min(ceil(times * sqrt(2) * self.sd), top) for times in (SURE_BIT, SURE_LIT))
         white, black = frame_of(self.patterns, "white"), frame_of(self.patterns, "black")
         return white, black, plus, minus, bits, share, limits
 

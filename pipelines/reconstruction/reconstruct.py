@@ -16,10 +16,11 @@ from .triangulate import triangulate
 __all__ = ["check_projector", "reconstruct", "without"]
 
 
-def reconstruct(frames: Frames, calibration: Calibration) -> PointMap:
+def reconstruct(frames: Frames, calibration: Calibration, *, local_integration: bool = False) -> PointMap:
     """Decode a capture to sub-pixel and give each pixel its point in the camera frame.
 
-    Pixels that see two surfaces at once are rejected; a background and lone points are still there.
+    Pixels that see two surfaces at once are rejected; a background and lone points are still there. With
+    `local_integration` pixels too faint by themselves are read from sums over a window (`local_integration.integrate`).
 
     Raises
     ------
@@ -27,7 +28,7 @@ def reconstruct(frames: Frames, calibration: Calibration) -> PointMap:
         If the images or the patterns are not of the size that was calibrated.
     """
     check_projector(frames, calibration)
-    points = triangulate(locate(frames), calibration)
+    points = triangulate(locate(frames, local_integration=local_integration), calibration)
     return without(points, reject_mixed(points))
 
 

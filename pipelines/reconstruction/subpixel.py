@@ -12,6 +12,7 @@ from .decode import decode
 from .edge_kernels import REACH, Pictures, along_columns, along_rows
 from .frames import Frames
 from .light import ROUNDING, Light, frame_indices, frame_of, read_light
+from .local_integration import integrate
 from .patterns import AXES
 from .pixel_maps import Decoded
 from .scatter_kernels import TILE, settle
@@ -30,9 +31,11 @@ Floats = npt.NDArray[np.float32]
 Stack = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
 
-def locate(frames: Frames) -> Decoded:
-    """Decode a capture and place each pixel within its cell: `decode`, then `refine`."""
-    return refine(frames, decode(frames))
+def locate(frames: Frames, *, local_integration: bool = False) -> Decoded:
+    """Decode a capture and place each pixel within its cell: `decode`, then `refine`; `integrate` if asked for."""
+    cells = decode(frames)
+    found = refine(frames, cells)
+    return integrate(frames, cells, found, read_light(frames, RUNS)) if local_integration else found
 
 
 def refine(frames: Frames, decoded: Decoded) -> Decoded:

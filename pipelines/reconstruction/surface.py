@@ -95,7 +95,14 @@ def to_scan(
     return _sum_up(laid, points.texture, points.level, stripe, calibration, grid, time)
 
 
-def scan_frames(frames: Frames, calibration: Calibration, grid: Grid, *, remove_background: bool = True) -> Scan:
+def scan_frames(
+    frames: Frames,
+    calibration: Calibration,
+    grid: Grid,
+    *,
+    remove_background: bool = True,
+    local_integration: bool = False,
+) -> Scan:
     """Go the whole way from frames to a height map: `reconstruct` and `to_scan` in bands of rows, with half the memory.
 
     Raises
@@ -104,7 +111,8 @@ def scan_frames(frames: Frames, calibration: Calibration, grid: Grid, *, remove_
         If the images or the patterns are not of the size that was calibrated.
     """
     check_projector(frames, calibration)
-    return scan_decoded(locate(frames), calibration, grid, frames.time, remove_background=remove_background)
+    decoded = locate(frames, local_integration=local_integration)
+    return scan_decoded(decoded, calibration, grid, frames.time, remove_background=remove_background)
 
 
 def scan_decoded(
