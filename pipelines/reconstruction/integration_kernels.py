@@ -19,7 +19,7 @@ DIRECT = 4  # as in `fallback`: of white minus black, one part in so many is the
 FARTHEST = 9  # camera px: an edge farther away is not looked for
 FLAT_PX = 0.75  # projector px by which a surface may bend over the window's side, noise aside
 SURE = 3.0  # standard deviations
-STRAIGHT = 3  # of eight directions that must lead to the pixel
+STRAIGHT = 5  # of eight directions that must lead to the pixel
 LINES = ((0, 1), (1, 0), (1, 1), (1, -1))
 
 Bits = npt.NDArray[np.int64]
