@@ -8,7 +8,7 @@ from functools import lru_cache, partial
 import numpy as np
 import numpy.typing as npt
 
-from .slabs import side_by_side
+from ..slabs import side_by_side
 from .smoothing import robust_sigma
 
 __all__ = ["covariance_by_lag", "covariance_of_sums", "error_covariance", "longest_lag"]

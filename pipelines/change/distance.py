@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from .slabs import in_slabs
+from ..slabs import in_slabs
 
 __all__ = ["inner_distance"]
 

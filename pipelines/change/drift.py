@@ -11,7 +11,7 @@ from numba import njit
 from scipy import ndimage
 
 from ..scan import Scan
-from .slabs import in_slabs, side_by_side
+from ..slabs import in_slabs, side_by_side
 from .smoothing import robust_sigma
 
 __all__ = ["Drift", "lateral_drift"]

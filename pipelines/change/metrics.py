@@ -10,13 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from ..scan import Scan
+from ..slabs import side_by_side
 from .crack_depths import CrackDepths, crack_depths
 from .crack_lines import length_sigma
 from .crack_widths import CrackOpenings, crack_openings, opening_sigma
 from .cracks import crack_mask
 from .curl import edge_lift
 from .plates import Plate, find_plates
-from .slabs import side_by_side
 from .values import Comparison, Measurement, Metric
 from .volume import Volumes, volumes
 

@@ -8,8 +8,8 @@ from numba import njit
 
 from ..grid import Grid
 from ..scan import LEVEL_NONE, Scan
+from ..slabs import in_slabs
 from .motion import Motion
-from .slabs import in_slabs
 
 __all__ = ["apply_motion"]
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from ..slabs import in_slabs
 from .clean_kernels import drop_mixed, take_points
 from .pixel_maps import PointMap
-from .slabs import in_slabs
 
 __all__ = ["background_border", "reject_mixed"]
 

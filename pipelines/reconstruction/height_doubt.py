@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ..grid import Grid
+from ..slabs import in_slabs
 from .pinhole import Floats, project
 from .pixel_maps import PointMap
 from .rig_model import Calibration
-from .slabs import in_slabs
 
 __all__ = ["add_rows", "bow_mm", "doubt_mm", "doubt_of_cells", "doubt_on", "narrowed", "with_doubt"]
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..slabs import in_slabs
 from .cells import AxisCells, Cells
 from .decode import LEAST_SWING, SURE_LIT
 from .fallback import MOST_LEVELS
@@ -16,7 +17,6 @@ from .integration_kernels import NOT_READ, Code, judge, place_sums, read_sums
 from .light import ROUNDING, Light, frame_indices, frame_of
 from .patterns import AXES
 from .pixel_maps import Decoded
-from .slabs import in_slabs
 from .threshold import edge_levels
 
 __all__ = ["integrate"]

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..scan import LEVEL_NONE
+from ..slabs import in_slabs
 from .codebook import order_planes
 from .frames import Frames
 from .light import frame_of
@@ -22,7 +23,6 @@ from .patterns import AXES, Axis
 from .phase_kernels import locate_phases
 from .pixel_maps import Decoded
 from .settle import keep_surfaces
-from .slabs import in_slabs
 
 __all__ = ["PhaseModel", "decode_phase", "learn_phase"]
 

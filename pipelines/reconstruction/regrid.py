@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from ..grid import Grid
 from ..scan import Scan
+from ..slabs import in_slabs
 from .lay_kernels import lay, to_site
-from .slabs import in_slabs
 from .surface import Laid, fill_cells
 
 __all__ = ["covering_grid", "regrid"]

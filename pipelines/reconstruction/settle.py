@@ -6,7 +6,7 @@ import numba as nb
 import numpy as np
 import numpy.typing as npt
 
-from .slabs import in_slabs
+from ..slabs import in_slabs
 
 __all__ = ["keep_surfaces", "rise_px"]
 

@@ -16,12 +16,12 @@ import numpy as np
 import numpy.typing as npt
 
 from ..scan import LEVEL_NONE
+from ..slabs import in_slabs
 from .frames import Frames
 from .light import frame_of
 from .patterns import AXES, Axis
 from .pixel_maps import Decoded
 from .settle import keep_surfaces, rise_px
-from .slabs import in_slabs
 from .stripe_kernels import StripePlaces, StripeView, locate_pixels, reject_washed, tile_power
 from .stripe_model import SwingModel, apart, swing_model
 

@@ -7,6 +7,7 @@ from typing import cast
 import numpy as np
 import numpy.typing as npt
 
+from ..slabs import in_slabs
 from .cells import AxisCells, Cells, spread_of_contrast
 from .decode import decode
 from .edge_kernels import REACH, Pictures, along_columns, along_rows
@@ -16,7 +17,6 @@ from .local_integration import integrate
 from .patterns import AXES
 from .pixel_maps import Decoded
 from .scatter_kernels import TILE, settle
-from .slabs import in_slabs
 from .threshold import edge_levels
 
 __all__ = ["every", "line_pictures", "locate", "raster", "refine", "shared_by", "telling_lines"]

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from ..grid import Grid
 from ..instant import Instant
 from ..scan import LEVEL_NONE, Scan
+from ..slabs import in_slabs
 from .clean import background_border
 from .clean_kernels import drop_mixed, keep_dense, take_points
 from .frames import Frames
@@ -25,7 +26,6 @@ from .mend_kernels import mend
 from .pixel_maps import Decoded, PointMap
 from .reconstruct import check_projector
 from .rig_model import Calibration
-from .slabs import in_slabs
 from .subpixel import locate
 from .triangulate import triangulate_bands
 

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from ..slabs import in_slabs
 from .clean_kernels import take_points
 from .height_doubt import add_rows, doubt_mm, with_doubt
 from .pixel_maps import Decoded, PointMap
 from .ray_kernels import map_points, plane_points
 from .ray_tables import LEAST_PARALLAX, ray_tables
 from .rig_model import Calibration
-from .slabs import in_slabs
 from .triangulate_parallel import triangulate_parallel
 
 __all__ = ["triangulate", "triangulate_bands"]

@@ -10,12 +10,12 @@ import numba as nb
 import numpy as np
 
 from ..scan import LEVEL_NONE
+from ..slabs import in_slabs
 from .height_doubt import with_doubt
 from .pixel_maps import Decoded, PointMap
 from .ray_tables import LEAST_PARALLAX, MARGIN_PX, SLACK_PX, ray_tables
 from .rig_model import Calibration
 from .sight import projector_rows
-from .slabs import in_slabs
 
 __all__ = ["triangulate_parallel"]
 

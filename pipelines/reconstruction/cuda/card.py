@@ -14,7 +14,7 @@ import numpy.typing as npt
 from numba import cuda
 from numba.core.dispatcher import Dispatcher
 
-from ..slabs import in_slabs
+from ...slabs import in_slabs
 
 __all__ = [
     "SIMULATED",
