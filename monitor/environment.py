@@ -15,6 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 from urllib.parse import urlsplit
+from uuid import uuid4
 
 import numpy as np
 
@@ -182,12 +183,12 @@ class MqttTopic:
     def open(self) -> None:
         """Connect in the background, and again whenever the connection breaks."""
         try:
-            from paho.mqtt.client import Client
+            from paho.mqtt.client import Client, topic_matches_sub
             from paho.mqtt.enums import CallbackAPIVersion
         except ImportError:
             raise InputError("environment.mqtt needs paho-mqtt: `pip install microrelief[mqtt]`") from None
         address = urlsplit(self._url)
-        client = Client(CallbackAPIVersion.VERSION2)
+        client = Client(CallbackAPIVersion.VERSION2, client_id=f"microrelief-{uuid4().hex[:12]}")
         if address.scheme == "mqtts":
             client.tls_set()
         user = os.environ.get("MICRORELIEF_MQTT_USER")
@@ -200,8 +201,9 @@ class MqttTopic:
             client.subscribe(topic)
 
         def arrived(client: Any, data: Any, message: Any) -> None:
-            self._message = (time.monotonic(), message.payload)
-            self._arrived.set()
+            if topic_matches_sub(topic, message.topic):  # a broker's slip must not become a temperature
+                self._message = (time.monotonic(), message.payload)
+                self._arrived.set()
 
         client.on_connect, client.on_message = connected, arrived
         self._trouble = "no connection"

@@ -89,7 +89,7 @@ def campaign_of(store: Store) -> Campaign | None:
     """Read the campaign that a store keeps; None where it was made without one.
 
     The files that it names (patterns, calibration) may be anywhere, and are not looked for: what they gave is in the
-    store, and in its hash of the settings.
+    store, and in its hash of the settings. Those that go on, such as a logger's, are looked for beside the store.
 
     Raises
     ------
@@ -99,7 +99,8 @@ def campaign_of(store: Store) -> Campaign | None:
     about = store.about
     if not about.campaign.strip():
         return None
-    return parse_campaign(about.campaign, f"{about.location} (its campaign)", Path())
+    beside = Path() if "://" in about.location else Path(about.location).parent
+    return parse_campaign(about.campaign, f"{about.location} (its campaign)", beside)
 
 
 def rules_of(given: Campaign | None, store: Store) -> Rules:

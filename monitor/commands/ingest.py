@@ -105,7 +105,7 @@ def ingest(
         if opened is None:
             opened = _create(store, scans[0][1], metric)
         with closing(opened):
-            rules = rules_of(campaign, opened)
+            rules = rules_of(None, opened)
             watches: Watches = resumed(rules.alarms, opened)
             reading = _reading(campaign, opened)
             for file, scan in scans:

@@ -61,12 +61,12 @@ def test_the_page_fits_and_follows_the_scheme(browser: Browser, page_file: Path,
     shown = page.evaluate(
         "[...document.querySelectorAll('figure svg')].map(s => s.getBoundingClientRect()).map(b => [b.width, b.height])"
     )
-    assert len(shown) == 12
+    assert len(shown) == 13  # six trends, six maps, and the map of rates
     assert all(across > 250 and down > 100 for across, down in shown)
     pictures = page.evaluate(
         "Promise.all([...document.querySelectorAll('svg image')].map(i => new Promise(done => {"
         "const p = new Image(); p.onload = () => done(p.naturalWidth); p.onerror = () => done(0);"
         "p.src = i.getAttribute('href')})))"
     )
-    assert pictures == [60] * 6
+    assert pictures == [60] * 7
     context.close()

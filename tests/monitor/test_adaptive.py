@@ -19,6 +19,7 @@ from monitor.clock import AcceleratedClock
 from monitor.loop import Settled
 from monitor.visit import Epoch, Recipe, Yield
 from pipelines import AlarmState, Frames, Instant, instant
+from pipelines.trends import Watch
 from storage import Ledger, ledger_beside, open_store
 
 from . import campaigns
@@ -43,7 +44,7 @@ def run(folder: Path, alarmed: set[int], visits: int, at_min: int = 0, **keys: A
         made = campaigns.work(frames, recipe, epoch, planned)
         minute = int((planned - T0) / MINUTE)
         state: AlarmState = "alarm" if minute in alarmed else "ok"
-        return replace(made, tick=replace(made.tick, alarms={"rise": state}))
+        return replace(made, tick=replace(made.tick, alarms={"rise": state}), watches={"rise": Watch(state)})
 
     minutes: list[int] = []
 

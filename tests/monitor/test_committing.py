@@ -259,7 +259,7 @@ print(failed[0])
 @pytest.mark.parametrize(
     ("reserve_mb", "event", "cause"),
     [
-        (0.0, "3 not stored, .*disk is full", "not stored: .*disk is full: free some space"),
+        (0.0, "[34] not stored, .*disk is full", "not stored: .*disk is full: free some space"),
         (1.0, "disk almost full", ""),
     ],
 )

@@ -24,6 +24,7 @@ from monitor.notify import Notifier, Targets, outbox_file, read_targets
 from monitor.outbox import RETRY_S, Outbox
 from monitor.visit import Epoch, Recipe, Yield
 from pipelines import AlarmState, Event, Frames, Instant, instant
+from pipelines.trends import Watch
 from storage import open_store
 
 from . import campaigns
@@ -102,7 +103,11 @@ def run(folder: Path, story: str, at_h: int = 0, **keys: Any) -> None:
         states: dict[str, AlarmState] = {"o": "ok", "a": "alarm", "n": "no data"}
         event = Event(frames.time, "alarm", "rise: ok -> alarm, net volume (1.31 ± 0.02) mm3")
         events = (event,) if letter == "a" else ()
-        return replace(made, tick=replace(made.tick, alarms={"rise": states[letter]}, events=events))
+        return replace(
+            made,
+            tick=replace(made.tick, alarms={"rise": states[letter]}, events=events),
+            watches={"rise": Watch(states[letter])},
+        )
 
     clock = AcceleratedClock(T0 + at_h * HOUR)
     run_campaign(notified(folder, **keys), clock=clock, rig=Scripted(), work=work, max_scans=len(story))

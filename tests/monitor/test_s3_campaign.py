@@ -43,7 +43,12 @@ def test_run_status_report_and_review(tmp_path: Path, s3_prefix: str, capsys: Ca
     ledger = Ledger(address, write=False)
     assert ledger.counts() == {"planned": 0, "taken": 5, "missed": 0, "rejected": 0, "failed": 0}
     ledger.close()
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["calibration.json", "ledger.sqlite", "site.yaml"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "calibration.json",
+        "ledger.sqlite",
+        "site.health.sqlite",
+        "site.yaml",
+    ]
 
     for given in (str(file), url):
         code = run_tokens(["status", given, "--json"])

@@ -14,7 +14,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 CALLS = "openat,creat,rename,renameat,renameat2,link,linkat,write,pwrite64,writev,fsync,fdatasync,syncfs"
-NOT_KEPT = ("writer.lock", "ledger.sqlite-shm", "ledger.sqlite-journal")
+NOT_KEPT = ("writer.lock", "ledger.sqlite-shm", "ledger.sqlite-journal", "health.sqlite-shm", "health.sqlite-journal")
 """A label for people; an index and a journal that SQLite makes anew."""
 
 

@@ -104,7 +104,12 @@ def test_the_chain_has_run_twice_before_the_first_slot_and_nothing_of_it_counts(
     assert [stored.planned for stored in (store[0], store[1], store[2])] == [
         T0 + np.timedelta64(second, "s") for second in range(3)
     ]
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["calibration.json", "ledger.sqlite", "site.icechunk"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "calibration.json",
+        "ledger.sqlite",
+        "site.health.sqlite",
+        "site.icechunk",
+    ]
 
 
 def test_visits_that_are_far_apart_need_none(tmp_path: Path, watched: Watched) -> None:
