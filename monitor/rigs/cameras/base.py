@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from configs import CaptureError
 
-__all__ = ["Camera", "FrameLost", "Image", "Shot", "lost_between", "to_full_range"]
+__all__ = ["Camera", "FrameLost", "Image", "Shot", "bits_of", "check_timeout", "lost_between", "to_full_range"]
 
 Image = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
@@ -44,7 +44,7 @@ class Camera(Protocol):
     """
 
     wraps_at: int | None
-    """The device's frame count begins again after this number (with 1, or 0 for None: it never does)."""
+    """After this count the device's frames begin again with 1; None: they never do."""
 
     @property
     def exposure_ms(self) -> float:
@@ -82,6 +82,22 @@ class Camera(Protocol):
     def close(self) -> None:
         """Let the device go; harmless if not open."""
         ...
+
+
+BITS = {"Mono8": 8, "Mono10": 10, "Mono12": 12, "Mono16": 16}
+
+
+def bits_of(pixel_format: str) -> int:
+    """Give the depth of a pixel format of GenICam. Raises ValueError where it is none that we take."""
+    if pixel_format not in BITS:
+        raise ValueError(f"pixel_format {pixel_format!r} is none of {', '.join(BITS)}")
+    return BITS[pixel_format]
+
+
+def check_timeout(timeout_ms: float) -> None:
+    """Refuse a wait that is none. Raises ValueError."""
+    if timeout_ms <= 0:
+        raise ValueError(f"timeout_ms must be above 0, not {timeout_ms}")
 
 
 def lost_between(before: int | None, now: int | None, wraps_at: int | None) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 
 from configs import DeviceUnavailable, InputError
 
-from .base import FrameLost, Shot, to_full_range
+from .base import FrameLost, Shot, bits_of, check_timeout, to_full_range
 from .extra import load_extra
 
 __all__ = ["BaslerCamera"]
@@ -49,15 +49,12 @@ class BaslerCamera:
         timeout_ms: float = 2000.0,
         features: Mapping[str, Any] | None = None,
     ) -> None:
-        if timeout_ms <= 0:
-            raise ValueError(f"timeout_ms must be above 0, not {timeout_ms}")
+        check_timeout(timeout_ms)
         self._serial = serial
         self._exposure_ms = exposure_ms
         self._gain = gain
         self._format = pixel_format
-        self._bits = int(pixel_format.removeprefix("Mono")) if pixel_format in FORMATS else 0
-        if not self._bits:
-            raise ValueError(f"pixel_format {pixel_format!r} is none of {', '.join(FORMATS)}")
+        self._bits = bits_of(pixel_format)
         self._trigger = trigger
         self._timeout_ms = round(timeout_ms)
         self._features = dict(features or {})
@@ -169,9 +166,6 @@ class BaslerCamera:
             node.FromString("1" if value is True else "0" if value is False else f"{value}")
         except self._genicam.GenericException as error:
             raise InputError(f"the Basler camera's {name} does not take {value!r}: {_short(error)}") from None
-
-
-FORMATS = ("Mono8", "Mono10", "Mono12", "Mono16")
 
 
 def _short(error: Exception) -> str:

@@ -1,4 +1,4 @@
-"""Loads a camera's or a projector's library, which is an extra, or says how to get it."""
+"""Loads a camera's library, which is an extra, or says how to get it."""
 
 from __future__ import annotations
 
@@ -24,5 +24,5 @@ def load_extra(module: str, extra: str, what: str) -> ModuleType:
             # compiled modules made by SWIG warn while they load, and crash the process where warnings are errors
             warnings.simplefilter("ignore", DeprecationWarning)
             return importlib.import_module(module)
-    except (ImportError, ValueError) as error:  # gi says ValueError where a namespace lacks
+    except ImportError as error:
         raise InputError(f"{what} needs `pip install 'microrelief[{extra}]'` ({error})") from None

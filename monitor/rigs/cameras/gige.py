@@ -9,7 +9,7 @@ import numpy as np
 
 from configs import DeviceUnavailable, InputError
 
-from .base import FrameLost, Image, Shot, to_full_range
+from .base import FrameLost, Image, Shot, bits_of, check_timeout, to_full_range
 from .extra import load_extra
 
 __all__ = ["GigECamera"]
@@ -52,16 +52,14 @@ class GigECamera:
         timeout_ms: float = 2000.0,
         features: Mapping[str, Any] | None = None,
     ) -> None:
-        if timeout_ms <= 0:
-            raise ValueError(f"timeout_ms must be above 0, not {timeout_ms}")
-        if pixel_format not in BITS:
-            raise ValueError(f"pixel_format {pixel_format!r} is none of {', '.join(BITS)}")
+        check_timeout(timeout_ms)
         if region is not None and (len(region) != 4 or not all(isinstance(part, int) for part in region)):
             raise ValueError(f"region must be four whole numbers: first column, first row, columns, rows; not {region}")
         self._address = address
         self._exposure_ms = exposure_ms
         self._gain = gain
         self._format = pixel_format
+        self._bits = bits_of(pixel_format)
         self._region = region
         self._trigger = trigger
         self._timeout_us = round(timeout_ms * 1000)
@@ -87,9 +85,9 @@ class GigECamera:
         gi = load_extra("gi", "gige", "a GigE Vision camera")
         try:
             gi.require_version("Aravis", "0.8")
-            self._aravis = load_extra("gi.repository.Aravis", "gige", "a GigE Vision camera")
         except ValueError:
             raise InputError("a GigE Vision camera needs Aravis: `apt-get install gir1.2-aravis-0.8`") from None
+        self._aravis = load_extra("gi.repository.Aravis", "gige", "a GigE Vision camera")
         self._error = load_extra("gi.repository.GLib", "gige", "a GigE Vision camera").Error
         self._is_gone = False
         try:
@@ -157,12 +155,12 @@ class GigECamera:
             rows, columns = buffer.get_image_height(), buffer.get_image_width()
             data = buffer.get_data()
             flat: Image
-            if BITS[self._format] == 8:
+            if self._bits == 8:
                 flat = np.frombuffer(data, np.uint8, rows * columns)
             else:
                 flat = np.frombuffer(data, "<u2", rows * columns).astype(np.uint16)
             image: Image = flat.reshape(rows, columns).copy()
-            return Shot(to_full_range(image, BITS[self._format]), int(buffer.get_frame_id()))
+            return Shot(to_full_range(image, self._bits), int(buffer.get_frame_id()))
         finally:
             self._stream.push_buffer(buffer)
 
@@ -207,7 +205,6 @@ class GigECamera:
 
 
 BUFFERS = 8
-BITS = {"Mono8": 8, "Mono10": 10, "Mono12": 12, "Mono16": 16}
 
 
 def _set_feature(camera: Any, name: str, value: object) -> None:
