@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,23 +10,17 @@ from typing import TYPE_CHECKING
 import pytest
 
 from monitor.page import PageServer, SiteSource
-from tests.monitor.stored import fill
+
+from ..chromium import chromium, needs_chromium
+from .stored import fill
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-QUIET = (
-    *("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-webgl"),
-    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
-)
 SHOTS = os.environ.get("MICRORELIEF_SHOTS")
 """A folder to leave the pictures in, for people to look at."""
 
-pytestmark = [
-    pytest.mark.xdist_group("browser"),
-    pytest.mark.skipif(CHROMIUM is None, reason="needs a browser: apt-get install chromium"),
-]
+pytestmark = needs_chromium
 
 
 @pytest.fixture(scope="module")
@@ -42,12 +35,8 @@ def link(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    from playwright.sync_api import sync_playwright
-
-    with sync_playwright() as player:
-        opened = player.chromium.launch(executable_path=CHROMIUM, args=list(QUIET))
+    with chromium("--disable-webgl") as opened:
         yield opened
-        opened.close()
 
 
 @pytest.mark.parametrize("width", [390, 1280])

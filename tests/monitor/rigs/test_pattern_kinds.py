@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 import numpy.typing as npt
 import pytest
 
 from monitor.rigs import BOARD, SimulatedRig, calibration_captures
-from monitor.rigs.optics_model import paper_optics
 from pipelines import Calibration, Frames, PatternSet, PointMap, parse_instant
 from pipelines.reconstruction import Board, calibrate, reconstruct
 from pipelines.scenes import SCENES
+
+from .known_optics import known_geometry
 
 CAMERA = (640, 480)
 NOON = parse_instant("2026-11-22T12:00:00Z")
@@ -40,18 +39,6 @@ def capture(kind: str, scene: str, **scene_options: float) -> Frames:
     return rig.capture(KINDS[kind], NOON)
 
 
-@cache
-def known_geometry() -> Calibration:
-    """The optics of the simulated rig, without any calibration's error; the site frame is the scene's."""
-    optics = paper_optics(CAMERA)
-    camera, projector = optics.camera, optics.projector
-    turn = projector.R @ camera.R.T
-    to_scene = np.column_stack([camera.R.T, camera.centre_mm])
-    return Calibration(
-        camera.lens, projector.lens, turn, projector.t_mm - turn @ camera.t_mm, to_scene, {"stereo": 0.0}
-    )
-
-
 def in_scene(points: PointMap, calibration: Calibration) -> npt.NDArray[np.float64]:
     measured: npt.NDArray[np.float64] = points.xyz[points.valid].astype(np.float64)
     return measured @ calibration.reference[:, :3].T + calibration.reference[:, 3]
@@ -59,7 +46,7 @@ def in_scene(points: PointMap, calibration: Calibration) -> npt.NDArray[np.float
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_same_soil_is_measured_as_well_as_sigma_says(kind: str) -> None:
-    calibration = known_geometry()
+    calibration = known_geometry(CAMERA)
     frames = capture(kind, "soil")
     points = reconstruct(frames, calibration)
     x, y, z = in_scene(points, calibration).T

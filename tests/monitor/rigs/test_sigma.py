@@ -10,27 +10,16 @@ import numpy.typing as npt
 import pytest
 
 from monitor.rigs import SimulatedRig
-from monitor.rigs.optics_model import paper_optics
-from pipelines import Calibration, PatternSet, PointMap, parse_instant
+from pipelines import PatternSet, PointMap, parse_instant
 from pipelines.reconstruction import reconstruct
 from pipelines.scenes import SCENES
+
+from .known_optics import known_geometry
 
 CAMERA = (960, 720)
 NOON = parse_instant("2026-11-22T12:00:00Z")
 GRAY = PatternSet("gray", (608, 684))
 Floats = npt.NDArray[np.float64]
-
-
-@cache
-def geometry() -> Calibration:
-    """The optics of the rig themselves: sigma then is of decoding alone, no calibration's error in it."""
-    optics = paper_optics(CAMERA)
-    camera, projector = optics.camera, optics.projector
-    turn = projector.R @ camera.R.T
-    to_scene = np.column_stack([camera.R.T, camera.centre_mm])
-    return Calibration(
-        camera.lens, projector.lens, turn, projector.t_mm - turn @ camera.t_mm, to_scene, {"stereo": 0.0}
-    )
 
 
 @cache
@@ -44,12 +33,12 @@ def measured(scene: str, number: int, age_h: float = 0.0, **options: Any) -> Poi
         started=str(NOON - np.timedelta64(int(age_h), "h")) + "Z",
     )
     rig.open()
-    return reconstruct(rig.capture(GRAY, NOON + np.timedelta64(number, "s")), geometry())
+    return reconstruct(rig.capture(GRAY, NOON + np.timedelta64(number, "s")), known_geometry(CAMERA))
 
 
 def errors(points: PointMap, scene: str, age_h: float = 0.0, **options: Any) -> tuple[Floats, Floats]:
     """Height errors and sigmas, mm."""
-    frame = geometry().reference
+    frame = known_geometry(CAMERA).reference
     x, y, z = (points.xyz[points.valid].astype(np.float64) @ frame[:, :3].T + frame[:, 3]).T
     return z - SCENES[scene](**options).at(x, y).height(age_h), points.sigma_z[points.valid].astype(np.float64)
 
