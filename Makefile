@@ -5,7 +5,7 @@ BIN := .venv/bin
 OUT ?= demo-out
 WORKERS ?= 2
 
-.PHONY: demo test bench soak setup setup-test system-test lint clean
+.PHONY: demo test bench soak docs pictures accuracy setup setup-test system-test lint clean
 
 demo: setup  ## the whole job on the simulated rig; results in $(OUT)
 	@$(BIN)/microrelief demo --out $(OUT)
@@ -24,6 +24,17 @@ bench: setup-test  ## performance ratios: ours, the peer, the physical floor
 
 soak: setup-test  ## long runs: many kills, days of campaign, endurance
 	$(BIN)/pytest -m soak -q -s
+
+docs: setup-test  ## the documentation as a site, in docs/_build
+	@$(BIN)/python -m sphinx -q -W docs docs/_build
+	@echo "open docs/_build/index.html in a browser"
+
+pictures: setup-test demo  ## the pictures of README and docs
+	$(BIN)/python -m tests.dashboards.take_screenshot $(OUT)/review.rrd docs/images/review.png
+	$(BIN)/python -m tests.pipelines.change.draw_curl  # docs/images/curl.svg
+
+accuracy: setup-test  ## run what measures accuracy and write docs/accuracy.md: half an hour
+	$(BIN)/python -m tests.benchmarks.accuracy_page docs/accuracy.md
 
 setup: .venv/installed
 setup-test: .venv/installed-test system-test
@@ -49,4 +60,4 @@ system-test:
 	@sh .ci/node-packages
 
 clean:
-	rm -rf .venv demo-out build dist
+	rm -rf .venv demo-out docs/_build docs/reference build dist

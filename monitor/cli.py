@@ -18,7 +18,7 @@ from configs import ConfigError, MicroreliefError
 from . import __version__
 from .system_libraries import missing_library
 
-__all__ = ["COMMANDS", "main", "run_tokens"]
+__all__ = ["COMMANDS", "example_of", "load_command", "main", "run_tokens"]
 
 COMMANDS: dict[str, tuple[str, str]] = {
     "demo": ("demo:demo", "The whole job on a simulated rig, no questions asked."),
@@ -115,7 +115,7 @@ def _app_for(tokens: Sequence[str]) -> App:
     app = App(name="microrelief", help=ABOUT, help_epilogue=EPILOGUE, version=__version__, result_action="return_value")
     if name in COMMANDS:
         command = load_command(name)
-        app.command(command, name=name, help_epilogue=_example(command))
+        app.command(command, name=name, help_epilogue=example_of(command))
     else:
         for position, (each, (where, about)) in enumerate(COMMANDS.items()):
             app.command(f"{__package__}.commands.{where}", name=each, help=about, sort_key=position)
@@ -135,7 +135,7 @@ class UsageError(MicroreliefError):
     exit_code = 2
 
 
-def _example(command: Callable[..., Any]) -> str:
+def example_of(command: Callable[..., Any]) -> str:
     """Take the example out of a command's docstring: cyclopts shows the other sections only."""
     lines = (inspect.getdoc(command) or "").splitlines()
     for index, line in enumerate(lines[:-1]):

@@ -74,7 +74,7 @@ def find_plates(
     Plates are the parts, four-connected, into which the cracks of now and of the baseline divide the region, of 1 mm2
     or more. d is the distance of a cell to the nearest edge of a crack of now or then. On each plate a plane's slope
     is taken out of dz first. It is the slope that dz has among cells of one distance d, which no curl that goes by d
-    changes.
+    changes. ::
 
         lift       mean dz over 0.05 mm < d < 0.25 mm  -  mean dz over d > 0.6 of the greatest d
         angle      arctan(s + t) - arctan(t), s and t the slopes towards the crack of the lines of least squares through

@@ -67,7 +67,7 @@ class Organisms:
         Another seed is another plate and other organisms.
     count : int
     side_mm : float
-        The organisms keep within |x|, |y| < side / 2.
+        The organisms keep within ``|x|, |y| < side / 2``.
     length_mm, width_mm, height_mm : (float, float)
         Smallest and largest of each.
     speed_mm_s, apart_mm, bite_s, meal_s, bite_mm3, bite_radius_mm : float

@@ -41,7 +41,7 @@ class Soil:
     seed : int
         Another seed is another soil: relief, grains, colours and cracks.
     side_mm : float
-        The soil fills |x|, |y| < side / 2; beyond it is the holder, flat but for its machining marks.
+        The soil fills ``|x|, |y| < side / 2``; beyond it is the holder, flat but for its machining marks.
     hairline_mm, opening_mm : float
         Width of the cracks at age 0, and what drying adds.
     depth_mm, lift_mm, settlement_mm : float
