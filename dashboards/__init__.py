@@ -2,25 +2,32 @@
 
 from .alarm_limits import rule_words
 from .calibration_report import calibration_page
-from .findings import Findings, gather
-from .glance import Glance, glance, newest_picture, page_style
+from .findings import Findings, Period, gather
+from .glance import Glance, glance, newest_picture
+from .page import fill_templates, page_style
 from .record import record_review
-from .report import SECTIONS, write_findings, write_report
-from .section import Figure, Section, Table
+from .region import Region
+from .report import SECTIONS, Layout, write_findings, write_report
+from .section import Cell, Figure, Section, Table
 from .verdict import Verdict, judge_findings
 from .viewer import NO_SCREEN, check_ports, has_screen, open_command, open_viewer, serve_web
 
 __all__ = [
     "NO_SCREEN",
     "SECTIONS",
+    "Cell",
     "Figure",
     "Findings",
     "Glance",
+    "Layout",
+    "Period",
+    "Region",
     "Section",
     "Table",
     "Verdict",
     "calibration_page",
     "check_ports",
+    "fill_templates",
     "gather",
     "glance",
     "has_screen",

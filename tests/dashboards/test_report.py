@@ -56,7 +56,7 @@ class Page(HTMLParser):
             assert self.open.pop() == tag
 
     def handle_data(self, data: str) -> None:
-        if "style" not in self.open:
+        if not {"style", "script"} & set(self.open):
             self.words.append(data)
 
     @property
@@ -70,7 +70,7 @@ def page_of(store: DryingStore, folder: Path) -> Page:
 
 def test_the_page_holds_every_section_in_order(drying: DryingStore, tmp_path: Path) -> None:
     page = page_of(drying, tmp_path)
-    assert page.sections == list(SECTIONS)
+    assert page.sections == [name for name in SECTIONS if name != "environment"], "this one has no logger"
     assert page.sections[0] == "verdict"
 
 
@@ -79,14 +79,14 @@ def test_the_page_asks_for_nothing_outside_itself(drying: DryingStore, tmp_path:
     outside = [link for link in page.links if not link.startswith(("#", "data:"))]
     assert outside == []
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert re.findall(r"https?://|@import|url\(", text) == []
-    assert "<script" not in text
+    own = text.replace("https://github.com/leeoniya/uPlot", "")  # named in the licence of what draws the charts
+    assert re.findall(r"https?://|@import|url\(", own) == []
 
 
 def test_every_drawing_says_what_it_shows(drying: DryingStore, tmp_path: Path) -> None:
     page = page_of(drying, tmp_path)
-    # six trends, two height maps, four change maps, one of rates
-    assert len(page.images) == 6 + 2 + 4 + 1
+    # six trends, two height maps, four change maps, one of rates, one level of detection
+    assert len(page.images) == 6 + 2 + 4 + 1 + 1
     assert all(len(image["aria-label"] or "") > 20 for image in page.images)
 
 
@@ -189,7 +189,7 @@ def test_a_change_of_grid_between_epochs_is_no_obstacle(tmp_path: Path) -> None:
 def test_names_from_a_campaign_are_text_and_never_markup(tmp_path: Path) -> None:
     store = drying_store(2, 20, site="<script>alert(1)</script> & co")
     text = write_report(store, tmp_path).read_text(encoding="utf-8")
-    assert "<script" not in text
+    assert "<script>alert" not in text
     assert "&lt;script&gt;alert(1)&lt;/script&gt; &amp; co" in text
 
 

@@ -50,14 +50,15 @@ def test_the_page_fits_and_follows_the_scheme(browser: Browser, page_file: Path,
     brightness = sum(int(part) for part in paper.removeprefix("rgb(").removesuffix(")").split(",")) / 3
     assert (brightness < 60) if scheme == "dark" else (brightness > 200)
     shown = page.evaluate(
-        "[...document.querySelectorAll('figure svg')].map(s => s.getBoundingClientRect()).map(b => [b.width, b.height])"
+        "[...document.querySelectorAll('figure canvas, figure svg.map')]"
+        ".map(s => s.getBoundingClientRect()).map(b => [b.width, b.height])"
     )
-    assert len(shown) == 13  # six trends, six maps, and the map of rates
+    assert len(shown) == 14  # six trends, the level of detection, six maps, and the map of rates
     assert all(across > 250 and down > 100 for across, down in shown)
     pictures = page.evaluate(
         "Promise.all([...document.querySelectorAll('svg image')].map(i => new Promise(done => {"
         "const p = new Image(); p.onload = () => done(p.naturalWidth); p.onerror = () => done(0);"
         "p.src = i.getAttribute('href')})))"
     )
-    assert pictures == [60] * 7
+    assert pictures == [60] * 6 + [8], "the rates are of 8x8 cells"
     context.close()
