@@ -13,7 +13,7 @@ import numpy.typing as npt
 from pipelines import Grid
 from pipelines.change import polygon_mask
 
-__all__ = ["counted_cells", "max_lag_hours", "settings_of", "stable_cells"]
+__all__ = ["counted_cells", "max_lag_hours", "settings_of", "site_zone", "stable_cells"]
 
 Mask = npt.NDArray[np.bool_]
 
@@ -28,6 +28,15 @@ def settings_of(campaign: str) -> dict[str, Any]:
     except YAMLError:
         return {}
     return settings if isinstance(settings, dict) else {}
+
+
+def site_zone(campaign: str) -> str:
+    """Find the site's time zone in a campaign file's text; UTC where it names none that is known."""
+    from zoneinfo import available_timezones
+
+    site = settings_of(campaign).get("site")
+    zone = site.get("zone") if isinstance(site, dict) else None
+    return zone if isinstance(zone, str) and zone in available_timezones() else "UTC"
 
 
 def max_lag_hours(settings: dict[str, Any]) -> float:

@@ -20,7 +20,7 @@ from .rates import RateMap, rate_map_of
 from .region import Region, measure_inside
 from .visits import Visit, visits
 
-__all__ = ["Findings", "Period", "Quality", "gather"]
+__all__ = ["Findings", "Period", "Quality", "gather", "gather_numbers", "quality_of"]
 
 _MOST_READ = 40
 """Scans whose cells are read: a long campaign is sampled evenly, its newest scan always in."""
@@ -175,10 +175,7 @@ def gather(
     """
     about, table = store.about, scan_table(store)
     settings, period = settings_of(about.campaign), period or Period()
-    inside = [number for number, time in enumerate(table.times) if period.holds(time)]
-    if len(table) and not inside:
-        span = f"{format_instant(table.times[0])} to {format_instant(table.times[-1])}"
-        raise InputError(f"{about.location}: no scan lies in that period; there are {len(table)} from {span}")
+    inside = _inside(about.location, table.times, period)
     counted = counted_cells(settings, about.grid) if about.grid is not None else np.zeros((0, 0), np.bool_)
     if region is not None and about.grid is not None:
         counted = counted & region.cells(about.grid)
@@ -191,7 +188,7 @@ def gather(
     anew: dict[int, dict[str, Measurement]] = {}
     for done, number in enumerate(chosen, start=1):
         stored = last if last is not None and number == last.number else store[number]
-        quality.append(_quality(stored))
+        quality.append(quality_of(stored))
         if region is not None and about.grid is not None:
             base = first if first is not None and first.number == stored.baseline else store[stored.baseline]
             still = stable_cells(settings, about.grid)
@@ -226,6 +223,25 @@ def gather(
     )
 
 
+def gather_numbers(store: Store, period: Period, most: int) -> list[int]:
+    """Give up to `most` scans of a period, evenly spread.
+
+    Raises
+    ------
+    InputError
+        If it holds none of a store that has some.
+    """
+    return _spread(_inside(store.about.location, scan_table(store).times, period), most)
+
+
+def _inside(location: str, times: npt.NDArray[np.datetime64], period: Period) -> list[int]:
+    inside = [number for number, time in enumerate(times) if period.holds(time)]
+    if len(times) and not inside:
+        span = f"{format_instant(times[0])} to {format_instant(times[-1])}"
+        raise InputError(f"{location}: no scan lies in that period; there are {len(times)} from {span}")
+    return inside
+
+
 def _spread(numbers: Sequence[int], most: int) -> list[int]:
     """Up to `most` of some numbers, evenly spread, both ends among them."""
     if not numbers:
@@ -252,7 +268,8 @@ def _strip(chosen: list[int], most: int = 4) -> list[int]:
     return [later[round(at)] for at in np.linspace(len(later) / most - 1, len(later) - 1, most)]
 
 
-def _quality(stored: Stored) -> Quality:
+def quality_of(stored: Stored) -> Quality:
+    """Say how well a scan was measured and registered."""
     scan, change = stored.scan, stored.change
     sigma = scan.sigma[np.isfinite(scan.sigma)]
     motion = change.motion if change is not None else None

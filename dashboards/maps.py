@@ -13,9 +13,9 @@ from pipelines import Change, Scan
 
 from .palette import CHANGE_SCALE, HEIGHT_SCALE, NOT_MEASURED, Rgb, colour_table, hex_colour
 from .quantities import plain
-from .raster import Range, change_png, height_png
+from .raster import Range, change_png, height_png, texture_png
 
-__all__ = ["change_map", "height_map", "rate_map", "scale_bar_mm"]
+__all__ = ["camera_picture", "change_map", "height_map", "rate_map", "scale_bar_mm"]
 
 Outline = Sequence[tuple[float, float]]
 
@@ -36,6 +36,11 @@ def change_map(scan: Scan, change: Change, limit_mm: float, alternative: str, ou
     return _map(png, scan, CHANGE_SCALE, Range(-limit_mm, limit_mm), alternative, holes, outline=outline)
 
 
+def camera_picture(scan: Scan, alternative: str) -> str:
+    """Draw what the camera saw, on the scan's grid."""
+    return _map(texture_png(scan.texture, _MOST_CELLS), scan, None, None, alternative, False)
+
+
 def rate_map(
     scan: Scan,
     rate: npt.NDArray[np.float64],
@@ -53,8 +58,8 @@ def rate_map(
 def _map(
     png: bytes,
     scan: Scan,
-    scale: tuple[Rgb, ...],
-    span: Range,
+    scale: tuple[Rgb, ...] | None,
+    span: Range | None,
     alternative: str,
     holes: bool,
     unit: str = "mm",
@@ -86,10 +91,18 @@ def _map(
             f'<rect x="1" y="{at + 17:.1f}" width="12" height="12" fill="{hex_colour(NOT_MEASURED)}"/>'
             f'<text class="tick" x="18" y="{at + 27.5:.1f}">not measured</text>'
         )
+    if scale is not None and span is not None:
+        parts += _colour_bar(scale, span, unit, at)
+    parts.append("</svg>")
+    return "".join(parts)
+
+
+def _colour_bar(scale: tuple[Rgb, ...], span: Range, unit: str, at: float) -> list[str]:
+    """Draw the scale's colours with both ends and the middle named."""
     left, right = 0.42 * _WIDTH, _WIDTH - 24
     steps = 48
     each = (right - left) / steps
-    parts += [
+    parts = [
         # Each bar reaches under the next: hairlines of background would show between exact ones.
         f'<rect x="{left + index * each:.2f}" y="{at - 7:.1f}" height="14" '
         f'width="{min(each + 1, right - left - index * each):.2f}" '
@@ -101,8 +114,7 @@ def _map(
         anchor = "end" if share == 1 else "middle"
         x = _WIDTH if share == 1 else left + share * (right - left)
         parts.append(f'<text class="tick" x="{x:.1f}" y="{at + 24:.1f}" text-anchor="{anchor}">{text}</text>')
-    parts.append("</svg>")
-    return "".join(parts)
+    return parts
 
 
 def scale_bar_mm(width_mm: float) -> float:

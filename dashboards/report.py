@@ -6,7 +6,7 @@ function in `dashboards.sections` and a line here.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,9 +19,11 @@ from .findings import Findings, gather
 from .page import render_page
 from .section import Section
 
-__all__ = ["SECTIONS", "Layout", "make_sections", "write_findings", "write_pages", "write_report"]
+__all__ = ["COMPARISON", "SECTIONS", "Layout", "make_sections", "write_comparison", "write_findings", "write_report"]
 
-SECTIONS: dict[str, Callable[[Findings], Section | None]] = {
+Makers = Mapping[str, Callable[[Findings], Section | None]]
+
+SECTIONS: Makers = {
     "verdict": sections.verdict,
     "period": sections.period,
     "alarms": sections.alarms,
@@ -38,6 +40,20 @@ SECTIONS: dict[str, Callable[[Findings], Section | None]] = {
     "provenance": sections.provenance,
 }
 """Every section of a report, in the order of the page."""
+
+
+COMPARISON: Makers = {
+    "between": sections.between,
+    "maps": sections.maps,
+    "cracks": sections.cracks,
+    "metrics": sections.between_numbers,
+    "roughness": sections.roughness,
+    "quality": sections.quality,
+    "events": sections.events,
+    "definitions": sections.definitions,
+    "provenance": sections.provenance,
+}
+"""Every section of a comparison of two scans."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,35 +99,38 @@ def write_report(
     return write_findings(gather(store, progress=progress), folder, layout)
 
 
+def write_comparison(findings: Findings, folder: Path, layout: Layout | None = None) -> Path:
+    """Write what `gather_comparison` found; see `write_report`."""
+    return _write(findings, folder, layout, "Comparison of two scans", COMPARISON)
+
+
 def write_findings(findings: Findings, folder: Path, layout: Layout | None = None) -> Path:
     """Write the report of findings that were gathered already; see `write_report`."""
-    made = make_sections(findings)
+    return _write(findings, folder, layout, "Surface report", SECTIONS)
+
+
+def make_sections(findings: Findings, makers: Makers = SECTIONS) -> tuple[Section, ...]:
+    """Give every section that has something to say."""
+    return tuple(section for make in makers.values() if (section := make(findings)) is not None)
+
+
+def _write(findings: Findings, folder: Path, layout: Layout | None, kind: str, makers: Makers) -> Path:
+    layout = layout or Layout()
+    made = make_sections(findings, makers)
+    words = {"site": findings.about.site or "microrelief", "kind": kind, "software": findings.about.software}
+    text = render_page(made, **words, templates=layout.templates)
+    page, series = folder / "report.html", folder / "series.csv"
     with _told(folder):
         folder.mkdir(parents=True, exist_ok=True)
         if findings.scans:
-            write_series(findings.series, folder / "series.csv")
-            write_series(findings.series, folder / "series.parquet")
-    site, software = findings.about.site or "microrelief", findings.about.software
-    return write_pages(made, folder, layout or Layout(), site=site, kind="Surface report", software=software)
-
-
-def make_sections(findings: Findings) -> tuple[Section, ...]:
-    """Give every section that has something to say."""
-    return tuple(section for make in SECTIONS.values() if (section := make(findings)) is not None)
-
-
-def write_pages(made: Sequence[Section], folder: Path, layout: Layout, *, site: str, kind: str, software: str) -> Path:
-    """Write sections as ``report.html``, and as ``report.pdf`` with the folder's ``series.csv`` attached."""
-    text = render_page(made, site=site, kind=kind, software=software, templates=layout.templates)
-    page = folder / "report.html"
-    with _told(folder):
+            write_series(findings.series, series)
+            write_series(findings.series, series.with_suffix(".parquet"))
         _replace(page, text.encode("utf-8"))
     if layout.pdf:
         from .pdf import render_pdf
 
-        series = folder / "series.csv"
-        attached = {series.name: series.read_bytes()} if series.exists() else {}
-        pdf = render_pdf(made, site=site, kind=kind, software=software, templates=layout.templates, attached=attached)
+        attached = {series.name: series.read_bytes()} if findings.scans else {}
+        pdf = render_pdf(made, **words, templates=layout.templates, attached=attached)
         with _told(folder):
             _replace(folder / "report.pdf", pdf)
     return page

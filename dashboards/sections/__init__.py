@@ -1,6 +1,7 @@
 """The sections of a report, one file each; each is a pure function of the findings."""
 
 from .alarms import alarms
+from .between import between, between_numbers
 from .cracks import cracks
 from .definitions import definitions
 from .environment import environment
@@ -17,6 +18,8 @@ from .weekly import weekly
 
 __all__ = [
     "alarms",
+    "between",
+    "between_numbers",
     "cracks",
     "definitions",
     "environment",

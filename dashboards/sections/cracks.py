@@ -34,19 +34,20 @@ def cracks(findings: Findings) -> Section | None:
     more = f"; the longest {len(shown)} of {len(now)}" if len(shown) < len(now) else ""
     head = (
         "Crack",
-        term("crack-length"),
-        term("crack-width"),
+        term("crack-length", "Length"),
+        term("crack-width", "Width"),
         term("crack-widest"),
-        term("crack-depth"),
-        term("crack-volume"),
+        term("crack-depth", "Depth"),
+        term("crack-volume", "Volume"),
         term("crack-seen"),
-        "Width since the baseline",
-        "Length since the baseline",
+        "Wider by",
+        "Longer by",
     )
     rows = tuple(_row(each, known.get(each.identity)) for each in shown)
     text = (
         "A crack keeps its number within this report; `microrelief cracks` follows each through every scan, with its "
-        "tips. Depth and volume are at least so large: they count where the floor was seen.",
+        "tips. Wider and longer are since the baseline. Depth and volume are at least so large: they count where the "
+        "floor was seen.",
     )
     table = Table(f"Cracks of scan {last.number}{more}", head, rows, numeric=tuple(range(len(head))))
     return Section("cracks", "Cracks", text=text, tables=(table,))

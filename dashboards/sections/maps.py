@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..findings import Findings
-from ..maps import change_map, height_map, rate_map
+from ..maps import camera_picture, change_map, height_map, rate_map
 from ..quantities import day_and_time, plain
 from ..raster import Range, round_limit
 from ..section import Figure, Section
@@ -37,6 +37,12 @@ def maps(findings: Findings) -> Section | None:
         )
         for stored in heights
     ]
+    figures.append(
+        Figure(
+            camera_picture(last.scan, f"The camera's picture of scan {last.number}."),
+            f"What the camera saw, scan {last.number}, {day_and_time(last.scan.time)}",
+        )
+    )
     moved = [stored for stored in findings.between if stored.epoch == last.epoch and stored.change is not None]
     if moved:
         text.append(
