@@ -85,8 +85,8 @@ def test_the_page_asks_for_nothing_outside_itself(drying: DryingStore, tmp_path:
 
 def test_every_drawing_says_what_it_shows(drying: DryingStore, tmp_path: Path) -> None:
     page = page_of(drying, tmp_path)
-    # six trends, two height maps, four change maps, one of rates, one level of detection
-    assert len(page.images) == 6 + 2 + 4 + 1 + 1
+    # six trends, two height maps, the camera's picture, four change maps, one of rates, one level of detection
+    assert len(page.images) == 6 + 2 + 1 + 4 + 1 + 1
     assert all(len(image["aria-label"] or "") > 20 for image in page.images)
 
 
@@ -144,7 +144,7 @@ def test_a_verdict_is_amber_where_silence_or_doubt_is_newest() -> None:
 def test_one_scan_makes_a_report_without_trends_or_changes(tmp_path: Path) -> None:
     page = page_of(drying_store(1, 30), tmp_path)
     assert "Trends begin with the second scan" in page.text
-    assert len(page.images) == 1  # the height map
+    assert len(page.images) == 2  # the height map and the camera's picture
     assert "Nan" not in page.text
     assert "nan" not in re.sub(r"[a-z]*nan[a-z]+", "", page.text)
 
