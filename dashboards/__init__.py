@@ -7,6 +7,7 @@ from .comparison import gather_comparison
 from .findings import Findings, Period, gather, gather_numbers
 from .glance import Glance, glance, newest_picture
 from .movie import MOVIE_SUFFIXES, write_movie
+from .notebook import load_ipython_extension, show
 from .page import fill_templates, page_style
 from .record import record_review
 from .region import Region
@@ -38,6 +39,7 @@ __all__ = [
     "glance",
     "has_screen",
     "judge_findings",
+    "load_ipython_extension",
     "newest_picture",
     "open_command",
     "open_viewer",
@@ -45,6 +47,7 @@ __all__ = [
     "record_review",
     "rule_words",
     "serve_web",
+    "show",
     "site_zone",
     "write_comparison",
     "write_findings",
