@@ -22,7 +22,7 @@ from .visits import Visit, visits
 
 __all__ = ["Findings", "Period", "Quality", "gather", "gather_numbers", "quality_of"]
 
-_MOST_READ = 40
+_MOST_READ = 32
 """Scans whose cells are read: a long campaign is sampled evenly, its newest scan always in."""
 
 

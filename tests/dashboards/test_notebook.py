@@ -33,7 +33,7 @@ def shell(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Any]:
     made.history_manager.enabled = False
     yield made
     made.reset(new_session=False)
-    made.history_manager.end_session()  # type: ignore[union-attr]
+    made.history_manager.end_session()
 
 
 def cells(name: str) -> list[str]:
