@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from .load import CampaignFile, did_you_mean, load_campaign, parse_campaign, read_campaign
     from .notify import Condition, Notify
     from .places import Document, Route, read_yaml
+    from .reports import Reports
     from .schedule import Adaptive, Schedule, Within
     from .units import format_duration, parse_duration
 
@@ -31,6 +32,7 @@ __all__ = [
     "InputError",
     "MicroreliefError",
     "Notify",
+    "Reports",
     "RigSettings",
     "Route",
     "Schedule",
@@ -53,6 +55,7 @@ _LATER = {
     "exposure": ("AutoExposure",),
     "load": ("CampaignFile", "did_you_mean", "load_campaign", "parse_campaign", "read_campaign"),
     "notify": ("Condition", "Notify"),
+    "reports": ("Reports",),
     "places": ("Document", "Route", "read_yaml"),
     "schedule": ("Adaptive", "Schedule", "Within"),
     "units": ("format_duration", "parse_duration"),

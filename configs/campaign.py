@@ -27,6 +27,7 @@ from .alarm import Alarm
 from .environment import Environment
 from .exposure import AutoExposure
 from .notify import Notifies
+from .reports import Reports
 from .schedule import Schedule
 from .settings import FolderPath, Polygon, Positive, Settings, Text, Zone, at_key, from_folder
 from .units import DURATION, format_duration, parse_duration
@@ -243,6 +244,9 @@ class Campaign(Settings):
     exposure: AutoExposure | None = Field(
         default=None, description="Let the exposure follow the light between these bounds; without it it is the rig's."
     )
+    report: Reports | None = Field(
+        default=None, description="Reports that the campaign writes by itself: daily, weekly, on alarm."
+    )
     notify: Notifies = Field(default=(), description="Who is told of alarms, missing data, a lost device, a full disk.")
 
     @model_validator(mode="after")
@@ -258,7 +262,6 @@ class Campaign(Settings):
                 raise at_key(("alarms", index, "name"), f"{alarm.name!r} is given twice")
             names.add(alarm.name)
             if alarm.metric not in self.metrics:
-                raise at_key(("alarms", index, "metric"), f"{alarm.metric!r} is not among this campaign's metrics")
                 raise at_key(("alarms", index, "metric"), f"{alarm.metric!r} is not among this campaign's metrics")
         within = self.schedule.within
         if within is not None and within.daylight and self.site.latitude is None:

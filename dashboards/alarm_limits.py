@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["AlarmLimits", "Line", "alarm_limits", "max_lag_hours", "rule_words"]
+from .campaign_text import settings_of
+
+__all__ = ["AlarmLimits", "Line", "alarm_limits", "rule_words"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,12 +31,8 @@ class AlarmLimits:
 
 
 def alarm_limits(campaign: str) -> tuple[AlarmLimits, ...]:
-    """Find the alarms in a campaign file's text; none where it is empty or of a version that had other keys.
-
-    The text is read as YAML and not as a `Campaign`: a report must not fail because a rig's options have changed since.
-    """
-    settings = _settings(campaign)
-    alarms = settings.get("alarms")
+    """Find the alarms in a campaign file's text; none where it is empty or of a version that had other keys."""
+    alarms = settings_of(campaign).get("alarms")
     found: list[AlarmLimits] = []
     for alarm in alarms if isinstance(alarms, list) else []:
         if not isinstance(alarm, dict) or not isinstance(alarm.get("metric"), str):
@@ -53,24 +51,6 @@ def alarm_limits(campaign: str) -> tuple[AlarmLimits, ...]:
             AlarmLimits(str(alarm.get("name", alarm["metric"])), alarm["metric"], tuple(lines), rule_words(alarm))
         )
     return tuple(found)
-
-
-def max_lag_hours(campaign: str) -> float:
-    """Find the longest lag of the environment in a campaign file's text; 0 where it names none."""
-    environment = _settings(campaign).get("environment")
-    lag = environment.get("max_lag_hours") if isinstance(environment, dict) else None
-    return float(lag) if isinstance(lag, int | float) else 0.0
-
-
-def _settings(campaign: str) -> dict[str, Any]:
-    from ruamel.yaml import YAML
-    from ruamel.yaml.error import YAMLError
-
-    try:
-        settings = YAML(typ="safe", pure=True).load(campaign)
-    except YAMLError:
-        return {}
-    return settings if isinstance(settings, dict) else {}
 
 
 def rule_words(alarm: Mapping[str, Any]) -> tuple[str, ...]:

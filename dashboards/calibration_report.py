@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from html import escape
-from importlib.resources import files
 
 import numpy as np
 
 from pipelines import Calibration
 from pipelines.reconstruction import BoardCheck, CornerResidual, PoseResidual, calibration_verdict
 
+from .page import page_style
 from .quantities import plain
 
 __all__ = ["calibration_page"]
@@ -45,12 +45,11 @@ def calibration_page(calibration: Calibration) -> str:
         _section("Uncertainty", _uncertainty(calibration)),
         _section("Provenance", _provenance(calibration)),
     ]
-    style = files(__package__).joinpath("templates/report.css").read_text(encoding="utf-8")
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         '<meta name="color-scheme" content="light dark"><link rel="icon" href="data:,">'
-        f"<title>Calibration {calibration.id}</title><style>{style}\n{EXTRA}</style></head>\n"
+        f"<title>Calibration {calibration.id}</title><style>{page_style()}\n{EXTRA}</style></head>\n"
         f'<body><header><p class="kind">Calibration report</p><h1>{escape(calibration.id)}</h1></header>\n'
         f"<main>{''.join(parts)}</main></body></html>\n"
     )

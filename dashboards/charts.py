@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 from xml.sax.saxutils import escape
 
 import numpy as np
@@ -16,7 +17,7 @@ from .alarm_limits import Line
 from .quantities import day_and_time, plain
 from .ticks import number_text, number_ticks, time_ticks
 
-__all__ = ["Trend", "gap_after", "trend_svg"]
+__all__ = ["Trend", "gap_after", "plot_of", "trend_svg"]
 
 _WIDTH, _HEIGHT = 560, 250
 _LEFT, _RIGHT, _TOP, _BOTTOM = 62, 16, 14, 40
@@ -64,6 +65,47 @@ def gap_after(
         between = np.searchsorted(lost, times[1:], side="left") > np.searchsorted(lost, times[:-1], side="right")
         holes |= between
     return np.asarray(holes, dtype=np.bool_)
+
+
+def plot_of(trend: Trend) -> dict[str, Any]:
+    """Give a trend's numbers for a page that draws and zooms them itself.
+
+    Returns
+    -------
+    dict
+        ``label``; ``times`` in s since 1970, ``values`` and ``sigmas`` of one length, where None breaks the line;
+        ``lines`` as (grade, side, value); ``lost`` in s since 1970.
+    """
+    seconds = trend.times.astype("datetime64[ms]").astype(np.int64) / 1000
+    holes = np.flatnonzero(gap_after(trend.times, trend.lost))
+    between = (seconds[holes] + seconds[holes + 1]) / 2
+    known = np.isfinite(trend.values)
+    values: list[float | None] = [
+        _short(value) if good else None for value, good in zip(trend.values, known, strict=True)
+    ]
+    sigmas: list[float | None] = [_short(sigma, 3) if np.isfinite(sigma) else 0 for sigma in trend.sigmas]
+    lost = trend.lost if trend.lost is not None else trend.times[:0]
+    return {
+        "label": trend.label,
+        "times": [
+            round(each, 3) if each % 1 else int(each) for each in np.insert(seconds, holes + 1, between).tolist()
+        ],
+        "values": _with_nothing(values, holes),
+        "sigmas": _with_nothing(sigmas, holes),
+        "lines": [(line.grade, line.side, line.value) for line in trend.lines],
+        "lost": (lost.astype("datetime64[s]").astype(np.int64)).tolist(),
+    }
+
+
+def _short(value: float, digits: int = 6) -> float:
+    return float(f"{value:.{digits}g}")
+
+
+def _with_nothing(values: list[float | None], holes: npt.NDArray[np.intp]) -> list[float | None]:
+    """Put a None after each hole's scan."""
+    for hole in holes[::-1]:
+        values.insert(int(hole) + 1, None)
+    return values
 
 
 def trend_svg(trend: Trend, alternative: str) -> str:

@@ -2,53 +2,56 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
-from pipelines import AlarmState, Event, Instant, Measurement, StandingAlarm, standing_alarms
-from pipelines.trends import RateMoments
-from storage import About, Inbox, Store, Stored
+from configs import InputError
+from pipelines import AlarmState, Event, Instant, Measurement, StandingAlarm, format_instant, standing_alarms
+from storage import About, Inbox, ScanTable, Store, Stored, scan_table
 
-from .alarm_limits import AlarmLimits, alarm_limits, max_lag_hours
+from .alarm_limits import AlarmLimits, alarm_limits
+from .campaign_text import counted_cells, max_lag_hours, settings_of, stable_cells
 from .metric_names import Named, name_metric
-from .raster import block_mean, shrink_factor
+from .rates import RateMap, rate_map_of
+from .region import Region, measure_inside
 from .visits import Visit, visits
 
-__all__ = ["Findings", "Quality", "RateMap", "gather"]
+__all__ = ["Findings", "Period", "Quality", "gather", "gather_numbers", "quality_of"]
 
-_MOST_READ = 400
-"""Scans read for quality and alarm history: a campaign of years is sampled evenly, its newest scan always in."""
+_MOST_READ = 32
+"""Scans whose cells are read: a long campaign is sampled evenly, its newest scan always in."""
 
-_MOST_RATES = 100_000
-"""Places of the map of rates."""
+
+@dataclass(frozen=True, slots=True)
+class Period:
+    """What of a record a report is about: from one instant to another, both included; None leaves that end open."""
+
+    first: Instant | None = None
+    last: Instant | None = None
+
+    def holds(self, moment: Instant) -> bool:
+        """Whether it holds an instant."""
+        return not ((self.first is not None and moment < self.first) or (self.last is not None and moment > self.last))
 
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """How well one scan was measured; registration fields are empty for a baseline."""
+    """How well one scan was measured; registration and level of detection are empty for a baseline."""
 
     number: int
     epoch: int
     time: Instant
     coverage: float
     sigma_mm: float
+    lod_mm: float
     residual_mm: float
     verdict: str
     reason: str
     alarms: Mapping[str, AlarmState]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RateMap:
-    """Rate per day of blocks of `factor` x `factor` cells and its standard uncertainty, mm; from so many scans."""
-
-    rate: np.ndarray
-    sigma: np.ndarray
-    factor: int
-    scans: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,23 +62,32 @@ class Findings:
     ----------
     about : About
     scans : int
+        Of the period.
     first, last : Stored or None
-        Baseline of the newest epoch, and the newest scan; None in an empty store.
+        Baseline of the newest epoch, and the period's newest scan; None without one.
     between : tuple of Stored
         A few scans with a change, oldest first, the newest among them: what a strip of maps shows.
     series : DataFrame
-        As `Store.series` gives it.
-    times : ndarray of datetime64[ns], shape (scans,)
+        As `Store.series` gives it, of the period; inside a region measured anew, for the sampled scans.
+    times : ndarray of datetime64[ns], shape (rows of the series,)
         UTC.
     metrics : tuple of Named
     limits : tuple of AlarmLimits
     visits : tuple of Visit
+        Of the period.
     events : tuple of Event
-        With acknowledgements that the store's writer has yet to take in.
+        Until the end of the period, with acknowledgements that the store's writer has yet to take in.
     quality : tuple of Quality
-        Of every scan, or of an even sample of a very long campaign.
+        Of every scan, or of an even sample of a long campaign.
+    table : ScanTable
+        Of the whole store.
+    counted : ndarray of bool, shape (rows, columns)
+        Cells that count: the campaign's region or the report's, less what holds still. Empty without a grid.
+    period : Period
+    region : Region or None
+        Part of the surface that the report is about.
     rates : RateMap or None
-        How fast each place moves, from the well registered of these scans since the baseline.
+        How fast each place moves.
     max_lag_hours : float
         Of the campaign's environment.
     """
@@ -92,6 +104,10 @@ class Findings:
     visits: tuple[Visit, ...]
     events: tuple[Event, ...]
     quality: tuple[Quality, ...]
+    table: ScanTable
+    counted: npt.NDArray[np.bool_]
+    period: Period = field(default_factory=Period)
+    region: Region | None = None
     rates: RateMap | None = None
     max_lag_hours: float = 0.0
 
@@ -108,8 +124,19 @@ class Findings:
             newest.alarms if newest is not None else {}, newest.scan.time if newest is not None else None, self.events
         )
 
+    @property
+    def happened(self) -> tuple[Event, ...]:
+        """The events of the period."""
+        return tuple(event for event in self.events if self.period.holds(event.time))
+
+    @property
+    def since_baseline(self) -> slice:
+        """Rows of the series since the newest epoch's baseline: rates are of one baseline."""
+        baseline = self.last.baseline if self.last is not None else 0
+        return slice(int(np.searchsorted(self.series["scan"].to_numpy(), baseline)) if len(self.series) else 0, None)
+
     def measured(self, metric: str) -> tuple[np.ndarray, np.ndarray]:
-        """Values and standard uncertainties of one metric, shape (scans,) each, NaN where not measured."""
+        """Values and standard uncertainties of one metric, shape (rows,) each, NaN where not measured."""
         if metric not in self.series:
             nothing = np.full(len(self.times), np.nan)
             return nothing, nothing
@@ -122,40 +149,61 @@ class Findings:
         return Measurement(float(values[-1]), float(sigmas[-1])) if len(values) else Measurement(np.nan, np.nan)
 
 
-def gather(store: Store, *, progress: Callable[[int, int], None] | None = None) -> Findings:
+def gather(
+    store: Store,
+    *,
+    period: Period | None = None,
+    region: Region | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Findings:
     """Read what a report needs.
 
     Parameters
     ----------
     store : Store
+    period : Period, optional
+        The whole record unless given.
+    region : Region, optional
+        Part of the surface: metrics are measured anew inside it, on the scans that are read.
     progress : callable, optional
         Called with (scans read, scans to read).
+
+    Raises
+    ------
+    InputError
+        If the period holds no scan of a store that has some, or the region no cell.
     """
-    total = len(store)
-    about = store.about
-    chosen = sorted({round(at) for at in np.linspace(0, total - 1, min(total, _MOST_READ))}) if total else []
+    about, table = store.about, scan_table(store)
+    settings, period = settings_of(about.campaign), period or Period()
+    inside = _inside(about.location, table.times, period)
+    counted = counted_cells(settings, about.grid) if about.grid is not None else np.zeros((0, 0), np.bool_)
+    if region is not None and about.grid is not None:
+        counted = counted & region.cells(about.grid)
+    last = store[inside[-1]] if inside else None
+    first = store[last.baseline] if last is not None else None
+    chosen = _spread(inside, _MOST_READ)
     strip = set(_strip(chosen))
     kept: dict[int, Stored] = {}
     quality: list[Quality] = []
-    last = store[total - 1] if total else None
-    rates = _Rates(last) if last is not None else None
-    planned: list[Instant] = []
+    anew: dict[int, dict[str, Measurement]] = {}
     for done, number in enumerate(chosen, start=1):
-        stored = store[number]
-        planned.append(stored.planned)
-        quality.append(_quality(stored))
-        if rates is not None:
-            rates.add(stored)
+        stored = last if last is not None and number == last.number else store[number]
+        quality.append(quality_of(stored))
+        if region is not None and about.grid is not None:
+            base = first if first is not None and first.number == stored.baseline else store[stored.baseline]
+            still = stable_cells(settings, about.grid)
+            anew[number] = measure_inside(base, stored, counted, still, about.metrics, about.noise)
         if number in strip:
             kept[number] = stored
         if progress is not None:
             progress(done, len(chosen))
-    first = store[last.baseline] if last is not None else None
-    series = store.series()
+    series = store.series().iloc[inside]
+    if region is not None:
+        series = _measured_anew(series, anew)
     waiting = (event for _, event in Inbox(about.location).waiting())
     return Findings(
         about=about,
-        scans=total,
+        scans=len(inside),
         first=first,
         last=last,
         between=tuple(stored for stored in kept.values() if stored.change is not None),
@@ -163,35 +211,53 @@ def gather(store: Store, *, progress: Callable[[int, int], None] | None = None) 
         times=_utc(series),
         metrics=tuple(name_metric(name, unit) for name, unit in about.metrics.items()),
         limits=alarm_limits(about.campaign),
-        visits=visits(store, planned if len(chosen) == total else None),
-        events=(*store.events, *waiting),
+        visits=tuple(each for each in visits(store, list(table.planned)) if period.holds(each.planned)),
+        events=tuple(each for each in (*store.events, *waiting) if period.last is None or each.time <= period.last),
         quality=tuple(quality),
-        rates=rates.result() if rates is not None else None,
-        max_lag_hours=max_lag_hours(about.campaign),
+        table=table,
+        counted=counted,
+        period=period,
+        region=region,
+        rates=rate_map_of(store, table, inside),
+        max_lag_hours=max_lag_hours(settings),
     )
 
 
-class _Rates:
-    """Gathers the rate of each place while scans are read for other reasons: the same work for any length of record."""
+def gather_numbers(store: Store, period: Period, most: int) -> list[int]:
+    """Give up to `most` scans of a period, evenly spread.
 
-    def __init__(self, last: Stored) -> None:
-        self._epoch, self._since = last.epoch, last.scan.time
-        rows, columns = last.scan.grid.shape
-        self._factor = shrink_factor(rows, columns, _MOST_RATES)
-        self._moments = RateMoments((-(-rows // self._factor), -(-columns // self._factor)))
-        self._scans = 0
+    Raises
+    ------
+    InputError
+        If it holds none of a store that has some.
+    """
+    return _spread(_inside(store.about.location, scan_table(store).times, period), most)
 
-    def add(self, stored: Stored) -> None:
-        change = stored.change
-        if stored.epoch != self._epoch or change is None or change.motion.verdict != "good":
-            return
-        day = float((stored.scan.time - self._since) / np.timedelta64(1, "D"))
-        self._moments.add(day, block_mean(change.dz, self._factor))
-        self._scans += 1
 
-    def result(self) -> RateMap | None:
-        rate, sigma = self._moments.rate()
-        return RateMap(rate, sigma, self._factor, self._scans) if np.isfinite(rate).any() else None
+def _inside(location: str, times: npt.NDArray[np.datetime64], period: Period) -> list[int]:
+    inside = [number for number, time in enumerate(times) if period.holds(time)]
+    if len(times) and not inside:
+        span = f"{format_instant(times[0])} to {format_instant(times[-1])}"
+        raise InputError(f"{location}: no scan lies in that period; there are {len(times)} from {span}")
+    return inside
+
+
+def _spread(numbers: Sequence[int], most: int) -> list[int]:
+    """Up to `most` of some numbers, evenly spread, both ends among them."""
+    if not numbers:
+        return []
+    return sorted({numbers[round(at)] for at in np.linspace(0, len(numbers) - 1, min(len(numbers), most))})
+
+
+def _measured_anew(series: pd.DataFrame, anew: Mapping[int, Mapping[str, Measurement]]) -> pd.DataFrame:
+    """Put what was measured inside a region in the place of the store's own numbers, for those scans alone."""
+    kept = series[series["scan"].isin(list(anew))].copy()
+    numbers = kept["scan"].astype(int).tolist()
+    for name in dict.fromkeys(name for measured in anew.values() for name in measured):
+        inside = [anew[number].get(name, Measurement(np.nan, np.nan)) for number in numbers]
+        kept[name], kept[f"{name}_sigma"] = [each.value for each in inside], [each.sigma for each in inside]
+    kept.attrs = dict(series.attrs)
+    return kept
 
 
 def _strip(chosen: list[int], most: int = 4) -> list[int]:
@@ -202,7 +268,8 @@ def _strip(chosen: list[int], most: int = 4) -> list[int]:
     return [later[round(at)] for at in np.linspace(len(later) / most - 1, len(later) - 1, most)]
 
 
-def _quality(stored: Stored) -> Quality:
+def quality_of(stored: Stored) -> Quality:
+    """Say how well a scan was measured and registered."""
     scan, change = stored.scan, stored.change
     sigma = scan.sigma[np.isfinite(scan.sigma)]
     motion = change.motion if change is not None else None
@@ -212,6 +279,7 @@ def _quality(stored: Stored) -> Quality:
         time=scan.time,
         coverage=scan.coverage,
         sigma_mm=float(np.median(sigma)) if sigma.size else float("nan"),
+        lod_mm=float(np.nanmedian(change.lod)) if change is not None and np.isfinite(change.lod).any() else np.nan,
         residual_mm=motion.residual_mm if motion is not None else float("nan"),
         verdict=motion.verdict if motion is not None else "",
         reason=motion.reason if motion is not None else "",

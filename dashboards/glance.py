@@ -18,7 +18,7 @@ from .raster import Range, round_limit, texture_png
 from .section import Figure
 from .visits import Visit, visits
 
-__all__ = ["Glance", "glance", "newest_picture", "page_style"]
+__all__ = ["Glance", "glance", "newest_picture"]
 
 RECENT = 400
 """Scans whose values are drawn."""
@@ -62,13 +62,6 @@ def glance(store: Store) -> Glance:
 def newest_picture(store: Store) -> bytes | None:
     """Give the camera's picture of the newest scan as PNG, largest y on top; None in an empty store."""
     return texture_png(store[-1].scan.texture, 300_000) if len(store) else None
-
-
-def page_style() -> str:
-    """Give the style of reports, which the page shares: colours of both schemes, charts, tables."""
-    from importlib.resources import files
-
-    return files("dashboards").joinpath("templates/report.css").read_text(encoding="utf-8")
 
 
 def _maps(last: Stored) -> tuple[Figure, ...]:

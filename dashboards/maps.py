@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Sequence
 from xml.sax.saxutils import escape
 
 import numpy as np
@@ -12,44 +13,57 @@ from pipelines import Change, Scan
 
 from .palette import CHANGE_SCALE, HEIGHT_SCALE, NOT_MEASURED, Rgb, colour_table, hex_colour
 from .quantities import plain
-from .raster import Range, change_png, height_png
+from .raster import Range, change_png, height_png, texture_png
 
-__all__ = ["change_map", "height_map", "rate_map"]
+__all__ = ["camera_picture", "change_map", "height_map", "rate_map", "scale_bar_mm"]
+
+Outline = Sequence[tuple[float, float]]
 
 _WIDTH = 420.0
 _FOOT = 62.0
 _MOST_CELLS = 250_000
 
 
-def height_map(scan: Scan, span: Range, alternative: str) -> str:
-    """Draw a scan's heights between the two ends of `span`, mm."""
-    return _map(
-        height_png(scan.height, span, _MOST_CELLS),
-        scan,
-        HEIGHT_SCALE,
-        span,
-        alternative,
-        bool(np.isnan(scan.height).any()),
-    )
+def height_map(scan: Scan, span: Range, alternative: str, outline: Outline = ()) -> str:
+    """Draw a scan's heights between the two ends of `span`, mm; `outline` is a region's."""
+    png, holes = height_png(scan.height, span, _MOST_CELLS), bool(np.isnan(scan.height).any())
+    return _map(png, scan, HEIGHT_SCALE, span, alternative, holes, outline=outline)
 
 
-def change_map(scan: Scan, change: Change, limit_mm: float, alternative: str) -> str:
+def change_map(scan: Scan, change: Change, limit_mm: float, alternative: str, outline: Outline = ()) -> str:
     """Draw a scan's change since its baseline from -`limit_mm` to `limit_mm`."""
-    png = change_png(change.dz, change.lod, limit_mm, _MOST_CELLS)
-    return _map(png, scan, CHANGE_SCALE, Range(-limit_mm, limit_mm), alternative, bool(np.isnan(change.dz).any()))
+    png, holes = change_png(change.dz, change.lod, limit_mm, _MOST_CELLS), bool(np.isnan(change.dz).any())
+    return _map(png, scan, CHANGE_SCALE, Range(-limit_mm, limit_mm), alternative, holes, outline=outline)
+
+
+def camera_picture(scan: Scan, alternative: str) -> str:
+    """Draw what the camera saw, on the scan's grid."""
+    return _map(texture_png(scan.texture, _MOST_CELLS), scan, None, None, alternative, False)
 
 
 def rate_map(
-    scan: Scan, rate: npt.NDArray[np.float64], sigma: npt.NDArray[np.float64], limit: float, alternative: str
+    scan: Scan,
+    rate: npt.NDArray[np.float64],
+    sigma: npt.NDArray[np.float64],
+    limit: float,
+    alternative: str,
+    outline: Outline = (),
 ) -> str:
     """Draw rates of blocks of a scan's cells, mm per day; those that chance explains at 95 % are pale."""
     png = change_png(rate.astype(np.float32), (1.96 * sigma).astype(np.float32), limit, _MOST_CELLS)
     holes = bool(np.isnan(rate).any())
-    return _map(png, scan, CHANGE_SCALE, Range(-limit, limit), alternative, holes, "mm/d")
+    return _map(png, scan, CHANGE_SCALE, Range(-limit, limit), alternative, holes, "mm/d", outline)
 
 
 def _map(
-    png: bytes, scan: Scan, scale: tuple[Rgb, ...], span: Range, alternative: str, holes: bool, unit: str = "mm"
+    png: bytes,
+    scan: Scan,
+    scale: tuple[Rgb, ...] | None,
+    span: Range | None,
+    alternative: str,
+    holes: bool,
+    unit: str = "mm",
+    outline: Outline = (),
 ) -> str:
     grid = scan.grid
     height = _WIDTH * grid.rows / grid.columns
@@ -63,7 +77,11 @@ def _map(
         'preserveAspectRatio="none"/>',
         f'<rect class="frame" x="0.5" y="0.5" width="{_WIDTH - 1:g}" height="{height - 1:.1f}"/>',
     ]
-    bar_mm = _scale_bar_mm(grid.columns * grid.pitch_mm)
+    if outline:
+        x0, y1 = grid.x0_mm - grid.pitch_mm / 2, grid.y0_mm + (grid.rows - 0.5) * grid.pitch_mm
+        points = " ".join(f"{(x - x0) * per_mm:.1f},{(y1 - y) * per_mm:.1f}" for x, y in outline)
+        parts.append(f'<polygon class="outline" points="{points}"/>')
+    bar_mm = scale_bar_mm(grid.columns * grid.pitch_mm)
     at = height + 16
     bar_end = bar_mm * per_mm
     parts.append(f'<path class="bar" d="M1 {at - 4:.1f}v8m0 -4h{bar_end:.1f}m0 -4v8"/>')
@@ -73,10 +91,18 @@ def _map(
             f'<rect x="1" y="{at + 17:.1f}" width="12" height="12" fill="{hex_colour(NOT_MEASURED)}"/>'
             f'<text class="tick" x="18" y="{at + 27.5:.1f}">not measured</text>'
         )
+    if scale is not None and span is not None:
+        parts += _colour_bar(scale, span, unit, at)
+    parts.append("</svg>")
+    return "".join(parts)
+
+
+def _colour_bar(scale: tuple[Rgb, ...], span: Range, unit: str, at: float) -> list[str]:
+    """Draw the scale's colours with both ends and the middle named."""
     left, right = 0.42 * _WIDTH, _WIDTH - 24
     steps = 48
     each = (right - left) / steps
-    parts += [
+    parts = [
         # Each bar reaches under the next: hairlines of background would show between exact ones.
         f'<rect x="{left + index * each:.2f}" y="{at - 7:.1f}" height="14" '
         f'width="{min(each + 1, right - left - index * each):.2f}" '
@@ -88,11 +114,10 @@ def _map(
         anchor = "end" if share == 1 else "middle"
         x = _WIDTH if share == 1 else left + share * (right - left)
         parts.append(f'<text class="tick" x="{x:.1f}" y="{at + 24:.1f}" text-anchor="{anchor}">{text}</text>')
-    parts.append("</svg>")
-    return "".join(parts)
+    return parts
 
 
-def _scale_bar_mm(width_mm: float) -> float:
+def scale_bar_mm(width_mm: float) -> float:
     """The largest 1, 2 or 5 times a power of ten within a quarter of the width."""
     power = 10.0 ** np.floor(np.log10(width_mm / 4))
     return float(max(step * power for step in (1, 2, 5) if step * power <= width_mm / 4 * (1 + 1e-9)))

@@ -33,6 +33,11 @@ class Named:
         return f"metric-{self.name}"
 
     @property
+    def link(self) -> str:
+        """The anchor, where there is a definition to lead to."""
+        return self.anchor if self.definition else ""
+
+    @property
     def label(self) -> str:
         """Title with unit, for an axis."""
         unit = unit_text(self.unit)

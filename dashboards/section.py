@@ -3,38 +3,53 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass
+from typing import Any, Literal
 
-__all__ = ["Figure", "Section", "Table", "Tone"]
+__all__ = ["Cell", "Figure", "Section", "Table", "Tone"]
 
 Tone = Literal["", "green", "amber", "red", "no data"]
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
-    """Rows of text under a head.
+class Cell:
+    """A table's text that leads to an anchor of the page (`link`), or is one itself (`anchor`)."""
 
-    `numeric` names the columns, by position, that are aligned to the right; a cell is plain text. `links` gives the
-    anchors that first cells lead to, `anchors` those that rows of such first cells are: both by the cell's text.
-    """
+    text: str
+    link: str = ""
+    anchor: str = ""
+
+    def __str__(self) -> str:
+        return self.text
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Rows of text under a head; `numeric` names the columns, by position, that are aligned to the right."""
 
     caption: str
-    head: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
+    head: tuple[str | Cell, ...]
+    rows: tuple[tuple[str | Cell, ...], ...]
     numeric: tuple[int, ...] = ()
-    links: Mapping[str, str] = field(default_factory=dict)
-    anchors: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def is_facts(self) -> bool:
+        """Whether it is a list of names and values, without a head."""
+        return not any(str(cell) for cell in self.head)
 
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A drawing: `svg` is trusted markup of ours, with its alternative text inside; `link` defines what it shows."""
+    """A drawing: `svg` is trusted markup of ours, with its alternative text inside.
+
+    `link` defines what it shows; `plot` holds the same numbers for a page that can draw them itself and zoom
+    (see `charts.plot_of`).
+    """
 
     svg: str
     caption: str
-    wide: bool = False
     link: str = ""
+    plot: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pipelines import Instant
-from storage import Ledger, Store, ledger_beside
+from storage import Ledger, Store, ledger_beside, scan_table
 
 __all__ = ["Visit", "visits"]
 
@@ -46,7 +46,7 @@ def visits(store: Store, planned: Sequence[Instant] | None = None) -> tuple[Visi
 
 
 def _planned(store: Store) -> list[Instant]:
-    return [store[number].planned for number in range(len(store))]
+    return list(scan_table(store).planned)
 
 
 def _from_ledger(store: Store) -> tuple[Visit, ...] | None:

@@ -32,6 +32,7 @@ from .health_log import HealthKeeper, HealthLog, health_file
 from .loop import Loop, Outcome, Settled
 from .notify import notifier_of
 from .recipe import campaign_hash, make_recipe, read_calibration, read_pattern_set, rig_of
+from .reporter import reporter_of
 from .resume import resume_slots
 from .rigs import Rig
 from .scheduler import grace_of
@@ -147,7 +148,8 @@ def run_campaign(
         pace = pace_of(campaign, store)
         notifier = notifier_of(campaign, store, clock.now)
         keeper = HealthKeeper(rig, HealthLog(health_file(campaign)), campaign.exposure)
-        along = Companions([each for each in (pace, notifier, keeper, *companions) if each is not None])
+        reporter = reporter_of(campaign, store)
+        along = Companions([each for each in (pace, notifier, keeper, reporter, *companions) if each is not None])
         stack.callback(along.close)
 
         def told(settled: Settled) -> None:

@@ -49,6 +49,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "export": ("export:export", "Write a stored scan, its change or the series as a file for other programs."),
     "review": ("review:review", "Look through a store on the Rerun timeline."),
     "report": ("report:report", "Write a trend report."),
+    "movie": ("movie:movie", "Film the surface and its change, for a talk."),
     "track": ("track:track", "Follow what moves on a surface through a store."),
     "cracks": ("cracks:cracks", "Follow every crack by name through a store: length, width, depth, tips."),
     "resolution": ("resolution:resolution", "Measure contrast against line width, and depth of field, on a chart."),

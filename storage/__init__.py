@@ -5,7 +5,7 @@ from .care import Collected, Statistics, cite, collect, compact, expire, statist
 from .copying import copy_store
 from .durable import whole_file
 from .exporters import write_change, write_height_map, write_points, write_series
-from .history import cell_history, find_scan, line_history
+from .history import cell_history, coarse_maps, find_scan, line_history
 from .importers import read_height_map, read_raster, scan_of
 from .inbox import Inbox
 from .ledger import Ledger, LedgerAddress, LedgerRow, LedgerWriteError, SlotState, ledger_beside
@@ -48,6 +48,7 @@ __all__ = [
     "Verified",
     "cell_history",
     "cite",
+    "coarse_maps",
     "collect",
     "compact",
     "copy_store",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
@@ -12,13 +13,14 @@ from pipelines import Grid, Instant, format_instant
 
 from .binned import Indices, read_bins
 from .icechunk_store import IcechunkStore
+from .layout import FOLD
 from .packing import BIN, pack_bins, unpack_heights
 from .store import Store
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["cell_history", "find_scan", "line_history"]
+__all__ = ["cell_history", "coarse_maps", "find_scan", "line_history"]
 
 Which = Literal["nearest", "exact", "before", "after"]
 Quantity = Literal["height", "dz"]
@@ -117,6 +119,40 @@ def line_history(
     x, y = start[:, np.newaxis] + (end - start)[:, np.newaxis] * (distance / length if length else distance)
     profile = _history(store, x, y, name).rename(point="distance")
     return profile.assign_coords(distance=("distance", distance, {"units": "mm"}))
+
+
+def coarse_maps(
+    store: Store, numbers: Sequence[int], name: Quantity = "height"
+) -> Iterator[tuple[int, npt.NDArray[np.float32]]]:
+    """Give maps of 8x8-cell means of many scans: a few large reads, whatever the size of the scans.
+
+    Parameters
+    ----------
+    store : Store
+    numbers : sequence of int
+        Scans, in rising order.
+    name : {"height", "dz"}
+
+    Yields
+    ------
+    (int, ndarray of float32, shape (ceil(rows / 8), ceil(columns / 8)))
+        A scan's number and its means, mm; NaN where fewer than half of the cells were measured.
+    """
+    if not isinstance(store, IcechunkStore):
+        for number in numbers:
+            stored = store[number]
+            change = stored.change
+            cells = stored.scan.height if name == "height" else change.dz if change is not None else None
+            if cells is not None:
+                yield number, unpack_heights(pack_bins(np.asarray(cells, np.float32), "int32", name))
+        return
+    folded, tail = store.binned[name], store.binned[f"{name}_tail"]
+    length = folded.shape[0]
+    for start in sorted({number // FOLD * FOLD for number in numbers}):
+        block = folded[start : start + FOLD] if start < length else tail[:]
+        for number in numbers:
+            if start <= number < start + FOLD:
+                yield number, unpack_heights(block[number - start])
 
 
 def _history(store: Store, x: npt.NDArray[np.float64], y: npt.NDArray[np.float64], name: Quantity) -> xr.DataArray:

@@ -29,6 +29,10 @@ class ScanTable:
     epochs : ndarray of int, shape (scans,)
     verdicts : tuple of str
         Of the registration: ``good``, ``doubtful`` or ``failed``; empty for a baseline.
+    planned : ndarray of datetime64[ns], shape (scans,)
+        When each was due.
+    calibrations : tuple of str
+        Id of the calibration that placed each; empty for a height map from elsewhere.
     metrics : mapping of str to (ndarray of float64, ndarray of float64), each of shape (scans,)
         Values and standard uncertainties; NaN where not measured.
     """
@@ -36,6 +40,8 @@ class ScanTable:
     times: npt.NDArray[np.datetime64]
     epochs: npt.NDArray[np.int64]
     verdicts: tuple[str, ...]
+    planned: npt.NDArray[np.datetime64]
+    calibrations: tuple[str, ...]
     metrics: Mapping[str, tuple[Floats, Floats]]
 
     def __len__(self) -> int:
@@ -52,6 +58,8 @@ def scan_table(store: Store) -> ScanTable:
         np.array([each.scan.time for each in scans], dtype="datetime64[ns]"),
         np.array([each.epoch for each in scans], dtype=np.int64),
         tuple(each.change.motion.verdict if each.change is not None else "" for each in scans),
+        np.array([each.planned for each in scans], dtype="datetime64[ns]"),
+        tuple(each.scan.calibration_id for each in scans),
         {name: (series[name].to_numpy(), series[f"{name}_sigma"].to_numpy()) for name in store.about.metrics},
     )
 
@@ -63,5 +71,7 @@ def table_of(root: Any) -> ScanTable:
         root["scans/time"][:].astype("datetime64[ns]"),
         root["scans/epoch"][:].astype(np.int64),
         tuple(str(verdict) for verdict in root["change/verdict"][:]),
+        root["scans/planned"][:].astype("datetime64[ns]"),
+        tuple(str(calibration) for calibration in root["scans/calibration"][:]),
         {name: (table[name][:], table[f"{name}_sigma"][:]) for name in metrics_of(table)},
     )

@@ -13,9 +13,10 @@ _MOST_ROWS = 60
 
 def events(findings: Findings) -> Section | None:
     """List failures, missed visits, alarms and remarks."""
-    if not findings.events:
+    events = findings.happened
+    if not events:
         return None
-    newest = findings.events[::-1][:_MOST_ROWS]
+    newest = events[::-1][:_MOST_ROWS]
     rows = tuple((day_and_time(event.time), event.kind, event.text) for event in newest)
-    more = f", the newest {len(newest)} of {len(findings.events)}" if len(newest) < len(findings.events) else ""
+    more = f", the newest {len(newest)} of {len(events)}" if len(newest) < len(events) else ""
     return Section("events", "Events", tables=(Table(f"Newest first{more}", ("When", "What", "Remark"), rows),))

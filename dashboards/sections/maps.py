@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..findings import Findings
-from ..maps import change_map, height_map, rate_map
+from ..maps import camera_picture, change_map, height_map, rate_map
 from ..quantities import day_and_time, plain
 from ..raster import Range, round_limit
 from ..section import Figure, Section
@@ -22,16 +22,27 @@ def maps(findings: Findings) -> Section | None:
         "Seen from the camera, x to the right and y upwards. In a height map dark is low and yellow is high, in mm "
         "above the reference plane."
     ]
+    outline = findings.region.corners if findings.region is not None else ()
+    if outline:
+        text.append("The outline is the region that this report is about.")
     heights = [first, last] if last.number != first.number else [last]
     span = _height_range([stored.scan.height for stored in heights])
     figures = [
         Figure(
-            height_map(stored.scan, span, f"Height map of scan {stored.number}, {day_and_time(stored.scan.time)}."),
+            height_map(
+                stored.scan, span, f"Height map of scan {stored.number}, {day_and_time(stored.scan.time)}.", outline
+            ),
             f"Height, scan {stored.number}{' (baseline)' if stored.number == first.number else ''}, "
             f"{day_and_time(stored.scan.time)}",
         )
         for stored in heights
     ]
+    figures.append(
+        Figure(
+            camera_picture(last.scan, f"The camera's picture of scan {last.number}."),
+            f"What the camera saw, scan {last.number}, {day_and_time(last.scan.time)}",
+        )
+    )
     moved = [stored for stored in findings.between if stored.epoch == last.epoch and stored.change is not None]
     if moved:
         text.append(
@@ -54,6 +65,7 @@ def maps(findings: Findings) -> Section | None:
                         change,
                         limit,
                         f"{words}: {plain(share, 3)}\N{NO-BREAK SPACE}% of the cells changed.",
+                        outline,
                     ),
                     f"{words}: {plain(share, 3)}\N{NO-BREAK SPACE}% of the cells changed by more than "
                     f"their level of detection (median {plain(1000 * lod, 2)} µm)",
@@ -72,7 +84,7 @@ def maps(findings: Findings) -> Section | None:
         words = f"Rate per day: {plain(sure, 3)}\N{NO-BREAK SPACE}% of the spots move for certain"
         figures.append(
             Figure(
-                rate_map(last.scan, rates.rate, rates.sigma, limit_per_day, f"{words}."),
+                rate_map(last.scan, rates.rate, rates.sigma, limit_per_day, f"{words}.", outline),
                 f"{words} (standard uncertainty {plain(1000 * typical, 2)} µm per day in the median)",
             )
         )

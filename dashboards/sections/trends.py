@@ -6,16 +6,18 @@ import numpy as np
 
 from pipelines import ENVIRONMENT, Measurement
 from pipelines.trends import Trend as FittedTrend
-from pipelines.trends import change_points, correct_for
+from pipelines.trends import change_points, correct_for, time_to_limit
 from pipelines.trends import trend as fit_trend
 
-from ..charts import Trend, trend_svg
+from ..alarm_limits import Line
+from ..charts import Trend, plot_of, trend_svg
 from ..findings import Findings
 from ..metric_names import Named
-from ..quantities import MINUS, day_and_time, plain, unit_text, with_uncertainty
-from ..section import Figure, Section, Table
+from ..quantities import MINUS, day_and_time, plain, span, unit_text, with_uncertainty
+from ..section import Cell, Figure, Section, Table
+from ..terms import term
 
-__all__ = ["trends"]
+__all__ = ["metric_figure", "trends"]
 
 _PERIODS = (("day", 86400), ("hour", 3600), ("minute", 60))
 
@@ -25,7 +27,9 @@ def trends(findings: Findings) -> Section | None:
     if findings.last is None:
         return None
     figures = [
-        _figure(findings, metric) for metric in findings.metrics if np.isfinite(findings.measured(metric.name)[0]).any()
+        metric_figure(findings, metric)
+        for metric in findings.metrics
+        if metric.name not in ENVIRONMENT and np.isfinite(findings.measured(metric.name)[0]).any()
     ]
     if not figures:
         return Section("trends", "Trends", text=("Trends begin with the second scan: the first one is the baseline.",))
@@ -35,6 +39,10 @@ def trends(findings: Findings) -> Section | None:
         "the spot, where a planned visit yielded no scan. The slope is a robust straight line through all values."
     )
     text, tables = [how], []
+    ahead = tuple(row for metric in findings.metrics for row in _ahead(findings, metric))
+    if ahead:
+        head: tuple[str | Cell, ...] = ("Metric", "Limit", term("rate"), "Reached, if the trend goes on")
+        tables.append(Table("Time to limit", head, ahead))
     corrected = [both for metric in findings.metrics if (both := _corrected(findings, metric)) is not None]
     if corrected:
         text.append(
@@ -42,29 +50,66 @@ def trends(findings: Findings) -> Section | None:
             f"with the lag up to {plain(findings.max_lag_hours)} h that explains most, is fitted together with the "
             "rate."
         )
-        head = ("Metric", "Rate", "Rate without the environment", "Effects", "Lag")
-        tables.append(
-            Table("Rates ± one standard uncertainty", head, tuple(row for row, _ in corrected), links=_links(findings))
-        )
+        head = ("Metric", term("rate"), "Rate without the environment", "Effects", "Lag")
+        tables.append(Table("Rates ± one standard uncertainty", head, tuple(row for row, _ in corrected)))
     changes = tuple(row for metric in findings.metrics for row in _changes(findings, metric))
     if changes:
         head = ("Metric", "When", "Shift", "Rate before", "Rate after")
-        tables.append(Table("Where a metric took another course", head, changes, links=_links(findings)))
+        tables.append(Table("Where a metric took another course", head, changes))
     figures += [figure for _, figure in corrected]
     return Section("trends", "Trends", text=tuple(text), tables=tuple(tables), figures=tuple(figures))
 
 
-def _links(findings: Findings) -> dict[str, str]:
-    return {metric.title: metric.anchor for metric in findings.metrics if metric.definition}
+def _ahead(findings: Findings, metric: Named) -> list[tuple[str | Cell, ...]]:
+    """Say for each limit of a metric when its trend reaches it."""
+    lines = [line for alarm in findings.limits if alarm.metric == metric.name for line in alarm.lines]
+    since = findings.since_baseline
+    times, (values, sigmas) = findings.times[since], (array[since] for array in findings.measured(metric.name))
+    known = np.isfinite(values)
+    if not lines or not known.any():
+        return []
+    fitted = fit_trend(times, values, sigmas)
+    elapsed = float((times[-1] - times[known][0]) / np.timedelta64(1, "D"))
+    rate = _slope(fitted, times, metric.unit).removeprefix("; ")
+    unit = unit_text(metric.unit)
+    return [
+        (
+            Cell(metric.title, link=metric.link),
+            f"{line.grade} {line.side} {plain(line.value)} {unit}".rstrip(),
+            rate or "fewer than three values",
+            _when(fitted, elapsed, line),
+        )
+        for line in lines
+    ]
 
 
-def _corrected(findings: Findings, metric: Named) -> tuple[tuple[str, ...], Figure] | None:
+def _when(fitted: FittedTrend, elapsed_days: float, line: Line) -> str:
+    reached = time_to_limit(fitted, elapsed_days, line.value, above=line.side == "above")
+    if np.isnan(reached.days):
+        return "not known"
+    if reached.days == 0:
+        return "passed already"
+    if not np.isfinite(reached.earliest):
+        return "not by this trend"
+    earliest, days, latest = (
+        span(np.timedelta64(round(end * 86400), "s")) if np.isfinite(end) else "never"
+        for end in (reached.earliest, reached.days, reached.latest)
+    )
+    if days == "never":
+        return f"not by this trend, at the earliest in {earliest}"
+    return f"in {days} (95\N{NO-BREAK SPACE}%: {earliest} to {latest})"
+
+
+def _corrected(findings: Findings, metric: Named) -> tuple[tuple[str | Cell, ...], Figure] | None:
     """Take the environment out of one metric; None where it has none, or is of it."""
     drivers = {name: (findings.times, findings.measured(name)[0]) for name in ENVIRONMENT if name in findings.series}
     if metric.name in ENVIRONMENT or not drivers or findings.last is None:
         return None
-    since = slice(findings.last.baseline, None)  # rates are of one baseline
+    since = findings.since_baseline
     times, (values, sigmas) = findings.times[since], (array[since] for array in findings.measured(metric.name))
+    known = values[np.isfinite(values)]
+    if not known.size or not np.ptp(known) > 1e-9 * np.abs(known).max():
+        return None  # what never changes follows nothing
     drivers = {name: driver for name, driver in drivers.items() if np.isfinite(driver[1]).any()}
     found = correct_for(times, values, sigmas, drivers, findings.max_lag_hours)
     if found is None:
@@ -79,21 +124,22 @@ def _corrected(findings: Findings, metric: Named) -> tuple[tuple[str, ...], Figu
         for effect in found.effects
     )
     told = with_uncertainty(without, per_day)
-    row = (metric.title, with_uncertainty(plainly, per_day), told, effects, f"{plain(found.lag_hours, 2)} h")
+    title = Cell(metric.title, link=metric.link)
+    row = (title, with_uncertainty(plainly, per_day), told, effects, f"{plain(found.lag_hours, 2)} h")
     trend = Trend(metric.label, times, found.values, found.sigmas)
     words = f"{metric.title} at mean {' and '.join(drivers)}: {told}"
-    return row, Figure(trend_svg(trend, words), words)
+    return row, Figure(trend_svg(trend, words), words, metric.link, plot_of(trend))
 
 
-def _changes(findings: Findings, metric: Named) -> list[tuple[str, ...]]:
+def _changes(findings: Findings, metric: Named) -> list[tuple[str | Cell, ...]]:
     """Find where a metric took another course since the baseline."""
     if findings.last is None or metric.name in ENVIRONMENT:
         return []
-    since = slice(findings.last.baseline, None)
+    since = findings.since_baseline
     per_day = f"{metric.unit}/d"
     return [
         (
-            metric.title,
+            Cell(metric.title, link=metric.link),
             day_and_time(change.time),
             with_uncertainty(Measurement(change.shift, change.sigma), metric.unit),
             f"{plain(change.rate_before, 2)} {unit_text(per_day)}",
@@ -103,7 +149,8 @@ def _changes(findings: Findings, metric: Named) -> list[tuple[str, ...]]:
     ]
 
 
-def _figure(findings: Findings, metric: Named) -> Figure:
+def metric_figure(findings: Findings, metric: Named) -> Figure:
+    """Draw a metric through the period, with its band, limits, gaps and slope."""
     values, sigmas = findings.measured(metric.name)
     lost = np.array([v.planned for v in findings.visits if v.state != "taken"], dtype="datetime64[ns]")
     lines = [line for alarm in findings.limits if alarm.metric == metric.name for line in alarm.lines]
@@ -115,7 +162,8 @@ def _figure(findings: Findings, metric: Named) -> Figure:
     return Figure(
         trend_svg(trend, alternative),
         f"{metric.title}: now {newest}{slope}",
-        link=metric.anchor if metric.definition else "",
+        metric.link,
+        plot_of(trend),
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..findings import Findings
+from ..plain_words import in_plain_words
 from ..section import Section
 from ..verdict import judge_findings
 
@@ -10,6 +11,6 @@ __all__ = ["verdict"]
 
 
 def verdict(findings: Findings) -> Section:
-    """Say green, amber, red or no data, and why."""
+    """Say green, amber, red or no data, and why; then what happened to the surface."""
     found = judge_findings(findings)
-    return Section("verdict", found.headline, text=found.reasons, tone=found.tone)
+    return Section("verdict", found.headline, (*found.reasons, *in_plain_words(findings)), tone=found.tone)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from pipelines import Calibration, Change, Event, Frames, Grid, Instant, Motion, Scan, Tick
+from pipelines import AlarmChange, Calibration, Change, Event, Frames, Grid, Instant, Motion, Scan, Tick
 from pipelines.trends import AlarmState
 from storage import About, Stored
 
@@ -140,7 +140,7 @@ def drying_store(
         elif alarm and opening > 0.25:
             state = "warning"
         if states and state != states[-1]:
-            events.append(Event(time, "alarm", f"crack opening: {states[-1]} to {state} ({opening:.2f} mm)"))
+            events.append(AlarmChange(time, "crack opening", states[-1], state, f"{opening:.2f} mm").event)
         states.append(state)
         kept.append(Stored(number, 0, 0, time, scan, change, {"crack opening": state}))
         gained, lost = 7.2 * dryness, 9.6 * dryness

@@ -56,7 +56,7 @@ class Page(HTMLParser):
             assert self.open.pop() == tag
 
     def handle_data(self, data: str) -> None:
-        if "style" not in self.open:
+        if not {"style", "script"} & set(self.open):
             self.words.append(data)
 
     @property
@@ -64,34 +64,44 @@ class Page(HTMLParser):
         return " ".join(" ".join(self.words).split())
 
 
+@pytest.fixture(scope="module")
+def folder(drying: DryingStore, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The report of the crust, which most tests look at."""
+    made = tmp_path_factory.mktemp("report")
+    write_report(drying, made)
+    return made
+
+
+@pytest.fixture(scope="module")
+def page(folder: Path) -> Page:
+    return Page((folder / "report.html").read_text(encoding="utf-8"))
+
+
 def page_of(store: DryingStore, folder: Path) -> Page:
     return Page(write_report(store, folder).read_text(encoding="utf-8"))
 
 
-def test_the_page_holds_every_section_in_order(drying: DryingStore, tmp_path: Path) -> None:
-    page = page_of(drying, tmp_path)
-    assert page.sections == list(SECTIONS)
+def test_the_page_holds_every_section_in_order(page: Page) -> None:
+    assert page.sections == [name for name in SECTIONS if name != "environment"], "this one has no logger"
     assert page.sections[0] == "verdict"
 
 
-def test_the_page_asks_for_nothing_outside_itself(drying: DryingStore, tmp_path: Path) -> None:
-    page = page_of(drying, tmp_path)
+def test_the_page_asks_for_nothing_outside_itself(page: Page, folder: Path) -> None:
     outside = [link for link in page.links if not link.startswith(("#", "data:"))]
     assert outside == []
-    text = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert re.findall(r"https?://|@import|url\(", text) == []
-    assert "<script" not in text
+    text = (folder / "report.html").read_text(encoding="utf-8")
+    own = text.replace("https://github.com/leeoniya/uPlot", "")  # named in the licence of what draws the charts
+    assert re.findall(r"https?://|@import|url\(", own) == []
 
 
-def test_every_drawing_says_what_it_shows(drying: DryingStore, tmp_path: Path) -> None:
-    page = page_of(drying, tmp_path)
-    # six trends, two height maps, four change maps, one of rates
-    assert len(page.images) == 6 + 2 + 4 + 1
+def test_every_drawing_says_what_it_shows(page: Page) -> None:
+    # six trends, two height maps, the camera's picture, four change maps, one of rates, one level of detection
+    assert len(page.images) == 6 + 2 + 1 + 4 + 1 + 1
     assert all(len(image["aria-label"] or "") > 20 for image in page.images)
 
 
-def test_the_numbers_on_the_page_are_those_of_the_store(drying: DryingStore, tmp_path: Path) -> None:
-    text = page_of(drying, tmp_path).text
+def test_the_numbers_on_the_page_are_those_of_the_store(drying: DryingStore, page: Page) -> None:
+    text = page.text
     value = drying.table["net_volume"].iloc[-1]
     assert f"−{abs(value):.2f} ± 0.31 mm³" in text
     assert "Visits planned 7 Visits taken 6 Visits missed 0 Visits rejected 0 Visits failed 1" in text
@@ -144,7 +154,7 @@ def test_a_verdict_is_amber_where_silence_or_doubt_is_newest() -> None:
 def test_one_scan_makes_a_report_without_trends_or_changes(tmp_path: Path) -> None:
     page = page_of(drying_store(1, 30), tmp_path)
     assert "Trends begin with the second scan" in page.text
-    assert len(page.images) == 1  # the height map
+    assert len(page.images) == 2  # the height map and the camera's picture
     assert "Nan" not in page.text
     assert "nan" not in re.sub(r"[a-z]*nan[a-z]+", "", page.text)
 
@@ -189,7 +199,7 @@ def test_a_change_of_grid_between_epochs_is_no_obstacle(tmp_path: Path) -> None:
 def test_names_from_a_campaign_are_text_and_never_markup(tmp_path: Path) -> None:
     store = drying_store(2, 20, site="<script>alert(1)</script> & co")
     text = write_report(store, tmp_path).read_text(encoding="utf-8")
-    assert "<script" not in text
+    assert "<script>alert" not in text
     assert "&lt;script&gt;alert(1)&lt;/script&gt; &amp; co" in text
 
 
@@ -206,19 +216,18 @@ def test_visits_come_from_the_ledger_where_there_is_one(tmp_path: Path) -> None:
     assert "was missed: power cut." in text
 
 
-def test_the_series_lies_beside_the_page(drying: DryingStore, tmp_path: Path) -> None:
-    write_report(drying, tmp_path)
-    parquet = pd.read_parquet(tmp_path / "series.parquet")
-    csv = pd.read_csv(tmp_path / "series.csv", comment="#")
+def test_the_series_lies_beside_the_page(drying: DryingStore, folder: Path) -> None:
+    parquet = pd.read_parquet(folder / "series.parquet")
+    csv = pd.read_csv(folder / "series.csv", comment="#")
     assert len(parquet) == len(csv) == 6
     column = next(name for name in csv.columns if name.startswith("net_volume") and "sigma" not in name)
     np.testing.assert_allclose(csv[column], drying.table["net_volume"])
 
 
-def test_the_noise_model_behind_levels_of_detection_is_told(drying: DryingStore, tmp_path: Path) -> None:
+def test_the_noise_model_behind_levels_of_detection_is_told(drying: DryingStore, page: Page, tmp_path: Path) -> None:
     cell = NoiseCell(0.003, 0.4, 1234, 0.0051, 0.005, 0.052)
     model = NoiseModel(0.002, 1.5, 0.004, np.ones(1), 0.01, 0.0001, 0.048, 8, 8, "monday", "friday", cells=(cell,))
-    assert "noise model" not in page_of(drying, tmp_path / "without").text
+    assert "noise model" not in page.text
     text = page_of(replace(drying, about=replace(drying.about, noise=model)), tmp_path / "with").text
     assert f"noise model {model.id}, calibrated on 8 scans at rest from monday to friday" in text
     assert "4.8 % were beyond the 95 % level" in text
