@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from threading import Event as Flag
+from typing import Any
 
 import numpy as np
 
 from configs import Campaign, InputError
-from pipelines import Calibration, Frames, Grid, Instant, PatternSet
+from pipelines import Calibration, Grid, Instant, PatternSet
 from storage import (
     Inbox,
     Ledger,
@@ -28,15 +30,19 @@ from .adaptive import pace_of
 from .clock import Clock, RealClock
 from .companions import Companion, Companions
 from .environment import Reading, make_sensor, units_of
+from .frame_pool import FramePool
 from .health_log import HealthKeeper, HealthLog, health_file
-from .loop import Loop, Outcome, Settled
+from .items import Item, Visit
+from .line import Line, Stage, ThreadedLine
+from .loop import LayLine, Loop, counts, one_after_another
 from .notify import notifier_of
 from .recipe import campaign_hash, make_recipe, read_calibration, read_pattern_set, rig_of
 from .resume import resume_slots
 from .rigs import Rig
 from .scheduler import grace_of
+from .settled import Outcome, Settled
 from .slot_rules import slot_rules_of
-from .visit import Epoch, Recipe, Yield, visit
+from .visit import Recipe, Work, visit
 from .warm_up import warm_up
 
 __all__ = ["UNTRUSTED", "run_campaign"]
@@ -62,7 +68,9 @@ def run_campaign(
     text: str = "",
     now: bool = False,
     companions: Sequence[Companion] = (),
-    work: Callable[[Frames, Recipe, Epoch | None, Instant], Yield] = visit,
+    work: Work[Any] = visit,
+    lay: LayLine | None = None,
+    on_worked: Callable[[Visit, int], None] | None = None,
 ) -> Outcome:
     """Run a campaign until its schedule is over, or something stops it.
 
@@ -93,8 +101,12 @@ def run_campaign(
         One visit at once, whatever the schedule says (`microrelief scan`).
     companions : sequence of Companion
         Who else is told of each slot, and may say what is to be noted in the store.
-    work : callable
+    work : Work
         What makes a tick of a capture.
+    lay : callable, optional
+        How the stages are joined; without it side by side for video, one after another for all else.
+    on_worked : callable, optional
+        Told of each visit once it is worked out, before it is durable, and how many were under way.
 
     Returns
     -------
@@ -161,6 +173,8 @@ def run_campaign(
             sensor.open()
             stack.callback(sensor.close)
         slots, last = resume_slots(campaign, ledger.rows(), clock.now(), now, pace)
+        pool = FramePool()
+        pool.lend_to(rig)
         loop = Loop(
             slots,
             lambda slot: grace_of(campaign, slots, slot),
@@ -173,7 +187,7 @@ def run_campaign(
             told,
             on_wait or (lambda slot: None),
             stop or Flag(),
-            work=keeper.timed(work),
+            work=work,
             told=_provenance(campaign, patterns, store),
             notes=not now,
             rig_is_open=True,
@@ -183,8 +197,21 @@ def run_campaign(
             commit_every_s=campaign.schedule.video.commit_every_s if campaign.schedule.video is not None else 0.0,
             rules=slot_rules_of(campaign),
             asides=along.asides,
+            lay=lay or _lay_of(campaign),
+            on_worked=on_worked or (lambda visit, under_way: None),
+            let_go=pool.let_go,
         )
         return loop.run(max_scans)
+
+
+def _lay_of(campaign: Campaign) -> LayLine:
+    """How a campaign's stages are joined."""
+    video = campaign.schedule.video
+    return one_after_another if video is None else partial(_side_by_side, limit=video.most_under_way)
+
+
+def _side_by_side(stages: Sequence[Stage[Item]], stop: Flag, limit: int) -> Line[Item]:
+    return ThreadedLine(stages, limit, counts, stop.set)
 
 
 def _hurried(campaign: Campaign) -> bool:
@@ -197,7 +224,7 @@ def _warm_up(
     campaign: Campaign,
     recipe: Recipe,
     at: Instant,
-    work: Callable[[Frames, Recipe, Epoch | None, Instant], Yield],
+    work: Work[Any],
     tell: Callable[[str], None],
 ) -> None:
     """Warm up; a recording begins without, rather than not at all."""

@@ -11,7 +11,7 @@ from rich.status import Status
 
 from pipelines import Instant, format_instant
 
-from .loop import Outcome, Settled
+from .settled import Outcome, Settled
 
 __all__ = ["Teller"]
 

@@ -12,7 +12,7 @@ from ..check import load_checked
 from ..clock import RealClock
 from ..forecast import forecast_lines
 from ..log import LogFormat, set_up_log
-from ..loop import Settled
+from ..settled import Settled
 from ..stopping import graceful_stop
 from ..teller import Teller
 from ..watchdog import Watchdog

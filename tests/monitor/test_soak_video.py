@@ -9,7 +9,7 @@ import psutil
 import pytest
 
 from monitor.clock import RealClock
-from monitor.loop import Settled
+from monitor.settled import Settled
 from storage import open_store
 from tests.benchmarks.bench_reconstruct import COLUMNS, ROWS, capture
 from tests.pipelines.reconstruction.exact_rig import make_rig
