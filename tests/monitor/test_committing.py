@@ -20,7 +20,7 @@ import pytest
 from configs import Campaign
 from monitor.campaign import run_campaign
 from monitor.clock import AcceleratedClock
-from monitor.loop import ROOM_AGAIN, Loop
+from monitor.loop import ROOM_AGAIN, Loop, one_after_another
 from monitor.scheduler import IntervalSlots
 from monitor.settled import Settled
 from monitor.standing import look
@@ -191,7 +191,9 @@ def test_a_crash_loses_at_most_the_last_group_and_the_ledger_says_which(tmp_path
             return super().capture(patterns, at)
 
     with pytest.raises(PowerCut):
-        run_campaign(campaign, clock=clock, rig=Rig(), on_settled=told.append, work=_with_real_change)
+        run_campaign(
+            campaign, clock=clock, rig=Rig(), on_settled=told.append, work=_with_real_change, lay=one_after_another
+        )
     assert [settled.number for settled in told] == list(range(6)), "five seconds' scans are one commit"
     clock.advance(60)
     run_campaign(campaign, clock=clock, rig=campaigns.Rig(), max_scans=1, work=_with_real_change)
