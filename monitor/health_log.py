@@ -19,7 +19,7 @@ from .rigs import Rig
 from .settled import Settled
 from .vital_signs import VitalSigns, next_exposure, vital_signs
 
-__all__ = ["Health", "HealthKeeper", "HealthLog", "health_file", "lamp_trends"]
+__all__ = ["Health", "HealthKeeper", "HealthLog", "Promptness", "health_file", "lamp_trends", "promptness"]
 
 NAN = float("nan")
 CLIPPED = 0.02
@@ -49,7 +49,7 @@ class Health:
     latency_s : float
         From the slot until the scan was worked out.
     dropped : int
-        Slots that were missed since the visit before, although the campaign ran.
+        Slots that were missed right after it, although the campaign ran.
     """
 
     planned: int
@@ -96,6 +96,13 @@ class HealthLog:
             names, marks = ", ".join(_COLUMNS), ", ".join("?" * len(_COLUMNS))
             data.execute(f"INSERT OR REPLACE INTO health ({names}) VALUES ({marks})", astuple(health))  # noqa: S608 - our own names
 
+    def add_dropped(self, count: int) -> None:
+        """Count slots that were missed after the newest visit."""
+        newest = "planned = (SELECT max(planned) FROM health)"
+        with closing(sqlite3.connect(self._file, timeout=10.0)) as data, data:
+            if "dropped" in _columns_of(data):
+                data.execute(f"UPDATE health SET dropped = coalesce(dropped, 0) + ? WHERE {newest}", (count,))  # noqa: S608 - a constant
+
     def newest(self, count: int) -> tuple[Health, ...]:
         """Give the newest visits, oldest first; none where nothing was kept yet."""
         if not self._file.exists():
@@ -141,7 +148,6 @@ class HealthKeeper:
     auto: AutoExposure | None = None
     _seen: dict[Instant, tuple[VitalSigns, float]] = field(default_factory=dict)
     _told: SimpleQueue[str] = field(default_factory=SimpleQueue)
-    _dropped: int = 0
 
     def open(self) -> None:
         """Open the rig."""
@@ -161,16 +167,16 @@ class HealthKeeper:
 
     def settled(self, settled: Settled) -> Sequence[str]:
         """Keep a visit's health; give what is to be noted."""
-        self._dropped += settled.dropped
         if settled.state != "missed":
             self._keep(settled)
+        elif settled.dropped:
+            self.log.add_dropped(settled.dropped)
         return [self._told.get() for _ in range(self._told.qsize())]
 
     def _keep(self, settled: Settled) -> None:
         nothing = VitalSigns(NAN, NAN, NAN, NAN, NAN), NAN
         signs, temperature_c = self._seen.pop(settled.began, nothing) if settled.began is not None else nothing
         motion = settled.tick.change.motion if settled.tick is not None and settled.tick.change is not None else None
-        dropped, self._dropped = self._dropped, 0
         self.log.add(
             Health(
                 int(settled.planned.astype("datetime64[ns]").astype(np.int64)),
@@ -188,7 +194,6 @@ class HealthKeeper:
                 motion.verdict if motion is not None else "",
                 motion.residual_mm if motion is not None else NAN,
                 settled.latency_s,
-                dropped,
             )
         )
 
@@ -205,6 +210,32 @@ class HealthKeeper:
         except Exception as error:  # noqa: BLE001 - a device that refuses it still captures
             why = f"{why}, but the rig refused: {error}"
         self._told.put(f"exposure {signs.exposure_ms:.2f} ms -> {wanted:.2f} ms: {why}")
+
+
+@dataclass(frozen=True, slots=True)
+class Promptness:
+    """How the newest visits kept their slots: the newest one's lateness, and of all of them what was dropped.
+
+    `latency_s` is from the slot until the scan was worked out, NaN where none was.
+    """
+
+    lag_s: float
+    latency_s: float
+    dropped: int
+    visits: int
+
+    @property
+    def told(self) -> str:
+        """In words."""
+        after = f", worked out after {self.latency_s:.2f} s" if np.isfinite(self.latency_s) else ""
+        return f"newest began {self.lag_s:.3f} s late{after}; {self.dropped} dropped beside the newest {self.visits}"
+
+
+def promptness(visits: Sequence[Health]) -> Promptness | None:
+    """How visits kept their slots; None where there are none."""
+    if not visits:
+        return None
+    return Promptness(visits[-1].lag_s, visits[-1].latency_s, sum(each.dropped for each in visits), len(visits))
 
 
 def lamp_trends(visits: Sequence[Health]) -> dict[str, Trend]:

@@ -70,7 +70,7 @@ def run(
             server = stack.enter_context(PageServer([source], port=status_port))
             print(f"status at {server.link}", flush=True)
         set_up_log(form=log_format, file=log_file)
-        return follow(file, file.campaign, max_scans=max_scans, with_lag=file.campaign.schedule.video is not None)
+        return follow(file, file.campaign, max_scans=max_scans)
 
 
 def scan(campaign: Path) -> int:
@@ -90,7 +90,7 @@ def scan(campaign: Path) -> int:
     file = load_checked(campaign)
     ended: list[Settled] = []
     set_up_log()
-    with Teller() as teller:
+    with Teller(file.campaign) as teller:
 
         def settled(each: Settled) -> None:
             ended.append(each)
@@ -105,10 +105,10 @@ def scan(campaign: Path) -> int:
     return 4 if last.state == "rejected" else 75 if last.unavailable else 1
 
 
-def follow(file: CampaignFile, campaign: Campaign, *, max_scans: int | None = None, with_lag: bool = False) -> int:
+def follow(file: CampaignFile, campaign: Campaign, *, max_scans: int | None = None) -> int:
     """Run a campaign in real time, saying what happens; give the exit code."""
     watchdog = Watchdog()
-    with graceful_stop() as stop, Teller(with_lag=with_lag) as teller:
+    with graceful_stop() as stop, Teller(campaign) as teller:
         outcome = run_campaign(
             campaign,
             clock=RealClock(nap=watchdog.alive),
@@ -116,6 +116,7 @@ def follow(file: CampaignFile, campaign: Campaign, *, max_scans: int | None = No
             on_settled=teller.settled,
             on_wait=teller.wait,
             on_stage=teller.stage,
+            on_worked=teller.worked,
             max_scans=max_scans,
             stop=stop,
             text=file.text,

@@ -19,9 +19,10 @@ __all__ = ["video"]
 def video(campaign: Path, *, for_: Annotated[str | None, Parameter(name="--for")] = None) -> int:
     """Record continuous 3D video: capture, reconstruct, compare and store at the campaign's rate.
 
-    Prints ``committed scan N TIME`` once a scan is durable, how late it began and how long it took, and at the end how
-    many were taken and dropped. A slot that cannot be kept is dropped, and recorded with its cause. Ctrl-C finishes the
-    scan under way. Exit code 4: scans were dropped, rejected or failed.
+    The next scan is captured while those before are worked out and stored. Prints ``committed scan N TIME`` once a scan
+    is durable, how late it began and how long it took; on a terminal one line says how it keeps up instead. A slot that
+    cannot be kept is dropped whole, and recorded with how far behind the work was. Ctrl-C finishes the scans under
+    way. Exit code 4: scans were dropped, rejected or failed.
 
     Parameters
     ----------
@@ -47,4 +48,4 @@ def video(campaign: Path, *, for_: Annotated[str | None, Parameter(name="--for")
         schedule = settings.schedule.model_copy(update={"video": recording})
         settings = settings.model_copy(update={"schedule": schedule})
     set_up_log()
-    return follow(file, settings, with_lag=True)
+    return follow(file, settings)
