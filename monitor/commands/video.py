@@ -16,7 +16,14 @@ from .run import follow
 __all__ = ["video"]
 
 
-def video(campaign: Path, *, for_: Annotated[str | None, Parameter(name="--for")] = None) -> int:
+def video(
+    campaign: Path,
+    *,
+    for_: Annotated[str | None, Parameter(name="--for")] = None,
+    live: Annotated[bool, Parameter(negative="")] = False,
+    web: Annotated[bool, Parameter(negative="")] = False,
+    port: int = 9090,
+) -> int:
     """Record continuous 3D video: capture, reconstruct, compare and store at the campaign's rate.
 
     The next scan is captured while those before are worked out and stored. Prints ``committed scan N TIME`` once a scan
@@ -30,10 +37,17 @@ def video(campaign: Path, *, for_: Annotated[str | None, Parameter(name="--for")
         Campaign file with ``schedule: {video: {rate_hz: ...}}``.
     for_
         How long to record, such as 20s or 5min, instead of what the campaign says.
+    live
+        Show each scan in 3D in the Rerun viewer as soon as it is worked out; a viewer that is slower shows fewer.
+    web
+        The same in a browser on this machine (127.0.0.1 alone); prints the link.
+    port
+        Port of the web page; data come through the next one.
 
     Examples
     --------
     microrelief video video.yaml --for 20s
+    microrelief video video.yaml --live
     """
     file = load_checked(campaign)
     settings = file.campaign
@@ -48,4 +62,11 @@ def video(campaign: Path, *, for_: Annotated[str | None, Parameter(name="--for")
         schedule = settings.schedule.model_copy(update={"video": recording})
         settings = settings.model_copy(update={"schedule": schedule})
     set_up_log()
-    return follow(file, settings)
+    if not (live or web):
+        return follow(file, settings)
+    from dashboards import open_preview
+
+    with open_preview(web=web, port=port) as preview:
+        if preview.link:
+            print(f"live at {preview.link}", flush=True)
+        return follow(file, settings, preview=preview)
