@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 from functools import partial
+from pathlib import Path
 from threading import Event
 
 import numpy as np
@@ -12,15 +13,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from configs import CaptureError
+from configs import Campaign, CaptureError
+from monitor.campaign import run_campaign
+from monitor.clock import AcceleratedClock
 from monitor.items import Item
 from monitor.line import Line, Stage
 from monitor.loop import Loop
 from monitor.scheduler import VideoSlots
 from monitor.settled import Outcome, Settled
 from monitor.slot_rules import SlotRules
-from pipelines import Instant
+from pipelines import Frames, Instant, instant
+from storage import Ledger, ledger_beside, open_store
+from storage.ledger import INTERRUPTED
 
+from . import campaigns
 from .stand_ins import RECIPE, T0, FakeLedger, FakeRig, FakeStore, after
 from .test_committing import compared
 from .virtual_line import Takes, VirtualClock, VirtualLine
@@ -201,6 +207,43 @@ def test_what_no_stage_may_raise_ends_it_and_leaves_the_slots_under_way_open() -
     with pytest.raises(PowerCut):
         video.run()
     assert video.ledger.states() == ["taken"] * 5 + ["planned"] * 4, "as the next start finds and settles them"
+
+
+def test_a_crash_of_the_threads_loses_only_what_was_not_acknowledged(tmp_path: Path) -> None:
+    """By the real line, store and ledger: how much was under way is chance, that each slot has its end is not."""
+    plain = campaigns.campaign_in(tmp_path).model_dump(mode="json", by_alias=True, exclude_unset=True)
+    schedule = {"video": {"rate_hz": 1.0, "for": "30 s", "commit_every_s": 3.0}}
+    campaign = Campaign.model_validate(plain | {"schedule": schedule})
+    told: list[Settled] = []
+
+    class Rig(campaigns.Rig):
+        taken = 0
+
+        def capture(self, patterns: object, at: Instant) -> Frames:
+            self.taken += 1
+            if self.taken == 17:
+                raise PowerCut
+            return super().capture(patterns, at)
+
+    clock = AcceleratedClock(instant(campaigns.BASE))
+    with pytest.raises(PowerCut):
+        run_campaign(campaign, clock=clock, rig=Rig(), on_settled=told.append, work=campaigns.work)
+    clock.advance(60)
+    run_campaign(campaign, clock=clock, rig=campaigns.Rig(), work=campaigns.work)
+    store = open_store(campaign.store.path)
+    ledger = Ledger(ledger_beside(campaign.store.path), write=False)
+    rows = ledger.rows()
+    ledger.close()
+    ended = {row.planned: row for row in rows}
+    assert "planned" not in {row.state for row in rows}
+    assert [row.planned for row in rows][:17] == [instant(campaigns.BASE) + np.timedelta64(s, "s") for s in range(17)]
+    assert {row.cause for row in rows if row.state == "missed"} <= {INTERRUPTED}
+    assert ended[instant(campaigns.BASE) + np.timedelta64(16, "s")].state == "missed"
+    for each in told:
+        assert (ended[each.planned].state, ended[each.planned].scan) == ("taken", each.number)
+    assert [store[row.scan].planned for row in rows if row.scan is not None] == [
+        row.planned for row in rows if row.state == "taken"
+    ]
 
 
 @settings(max_examples=60, deadline=None)
