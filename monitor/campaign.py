@@ -11,25 +11,22 @@ from typing import Any
 
 import numpy as np
 
-from configs import Campaign, InputError
-from pipelines import Calibration, Grid, Instant, PatternSet
+from configs import Campaign
+from pipelines import Instant, PatternSet
 from storage import (
     Inbox,
     Ledger,
     Store,
-    create_store,
     ledger_beside,
     network_file_system,
-    open_store,
     room_of,
-    store_exists,
 )
 
-from . import __version__
 from .adaptive import pace_of
+from .campaign_store import create, grid_of, open_existing, units
 from .clock import Clock, RealClock
 from .companions import Companion, Companions
-from .environment import Reading, make_sensor, units_of
+from .environment import Reading, make_sensor
 from .frame_pool import FramePool
 from .health_log import HealthKeeper, HealthLog, health_file
 from .items import Item, Visit
@@ -129,7 +126,7 @@ def run_campaign(
         if remote is not None:
             tell(f"{campaign.store.path} lies on {remote}: {UNTRUSTED}")
         if store is None:  # before the slow and the physical: a store that cannot be written ends it here
-            store = _open_existing(campaign)
+            store = open_existing(campaign)
             if store is not None:
                 stack.callback(store.close)
         if isinstance(clock, RealClock) and store is not None and len(store):
@@ -142,13 +139,13 @@ def run_campaign(
         rig.open()
         stack.callback(rig.close)
         if store is None:
-            store = _create(campaign, calibration, patterns, text)
+            store = create(campaign, calibration, patterns, text)
             stack.callback(store.close)
         if ledger is None:
             ledger = Ledger(ledger_beside(campaign.store.path, campaign.store.beside))
             stack.callback(ledger.close)
         ledger.reconcile(store)
-        recipe = replace(make_recipe(campaign, patterns, calibration, _grid_of(store)), noise=store.about.noise)
+        recipe = replace(make_recipe(campaign, patterns, calibration, grid_of(store)), noise=store.about.noise)
         if not (handed or now) and _hurried(campaign):
             tell("warming up")
             _warm_up(rig, campaign, recipe, clock.now(), work, tell)
@@ -229,7 +226,7 @@ def _warm_up(
 ) -> None:
     """Warm up; a recording begins without, rather than not at all."""
     try:
-        warm_up(rig, recipe, _units(campaign), campaign.store.kind, at, work)
+        warm_up(rig, recipe, units(campaign), campaign.store.kind, at, work)
     except Exception as error:  # noqa: BLE001 - what fails here fails in the visits too, and is recorded there
         tell(f"not warmed up, the first scans may be late: {type(error).__name__}: {error}")
 
@@ -243,55 +240,3 @@ def _provenance(campaign: Campaign, patterns: PatternSet, store: Store) -> str:
         + (f", changed since the store was made with {first}" if settings != first else "")
         + (f", levels of detection by noise model {noise.id}" if noise is not None else "")
     )
-
-
-def _units(campaign: Campaign) -> dict[str, str]:
-    from pipelines.change import METRICS
-
-    return {name: METRICS[name].unit for name in campaign.metrics} | units_of(campaign.environment)
-
-
-def _open_existing(campaign: Campaign) -> Store | None:
-    """Open the campaign's store to go on in it; None where there is none yet."""
-    path, pitch_mm = campaign.store.path, campaign.grid.pitch_mm
-    if not store_exists(path):
-        beside = campaign.store.beside.absolute()
-        above = next(folder for folder in (beside, *beside.parents) if folder.exists())
-        if not above.is_dir():
-            raise InputError(f"store.path {path}: {above} is a file, not a folder; name another place")
-        return None
-    store = open_store(path, write=True, metrics=_units(campaign))
-    kept = store.about.grid
-    if pitch_mm is not None and kept is not None and abs(kept.pitch_mm - pitch_mm) > 1e-9:
-        store.close()
-        raise InputError(
-            f"grid.pitch_mm is {pitch_mm:g}, but the store {path} has cells of {kept.pitch_mm:g} mm: "
-            "take the store's pitch, or give store.path another name"
-        )
-    return store
-
-
-def _create(campaign: Campaign, calibration: Calibration, patterns: PatternSet, text: str) -> Store:
-    from pipelines.reconstruction import footprint_grid
-
-    try:
-        grid = footprint_grid(calibration, campaign.grid.pitch_mm)
-    except ValueError as error:
-        raise InputError(f"calibration {calibration.id}: {error}") from None
-    return create_store(
-        campaign.store.path,
-        site=campaign.site.name,
-        grid=grid,
-        campaign=text,
-        campaign_hash=campaign_hash(campaign, patterns),
-        metrics=_units(campaign),
-        software=f"microrelief {__version__}",
-        kind=campaign.store.kind,
-    )
-
-
-def _grid_of(store: Store) -> Grid:
-    grid = store.about.grid
-    if grid is None:
-        raise InputError(f"{store.about.location} has no grid: give store.path another name")
-    return grid

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,6 +16,10 @@ Item = TypeVar("Item")
 
 LOOK_S = 0.1
 """Whoever waits for room looks this often whether it was asked to stop."""
+
+SWITCH_S = 0.0005
+"""While stages have threads, one that wakes up waits no longer than this for another that is in Python code; Python's
+own 5 ms are more than a slot may be late."""
 
 JOIN_S = 30.0
 """How long a line that is broken off waits for what its stages have in hand."""
@@ -155,6 +160,7 @@ class ThreadedLine(Line[Item]):
         self._broke = broke
         self._ending = self._broken_off = False
         self._error: BaseException | None = None
+        self._switched = SWITCH_S
         self._threads = [
             Thread(target=self._run, args=(number,), name=f"microrelief-{stage.name}", daemon=True)
             for number, stage in enumerate(self._stages)
@@ -183,6 +189,8 @@ class ThreadedLine(Line[Item]):
         self._raise()
 
     def __enter__(self) -> Self:
+        self._switched = sys.getswitchinterval()
+        sys.setswitchinterval(SWITCH_S)
         for thread in self._threads:
             thread.start()
         return self
@@ -194,6 +202,7 @@ class ThreadedLine(Line[Item]):
             super().__exit__(kind, error, trace)
         finally:
             self._break_off()
+            sys.setswitchinterval(self._switched)
 
     def _break_off(self) -> None:
         with self._changed:

@@ -39,7 +39,7 @@ class Teller:
 
     def __enter__(self) -> Self:
         if self._console.is_terminal:
-            self._status = self._console.status("starting")
+            self._status = self._console.status("starting", refresh_per_second=4)
             self._status.start()
         return self
 

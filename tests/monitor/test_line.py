@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections.abc import Callable
 from threading import Event
@@ -89,11 +90,13 @@ def test_threads_work_side_by_side_and_keep_the_order() -> None:
             meet.wait(WAIT_S)
         log.append(("b", item))
 
+    before = sys.getswitchinterval()
     with ThreadedLine([Stage("a", first), Stage("b", second)], limit=2) as line:
         for item in range(50):
             line.wait_for_room(Event())
             line.put(item)
             assert line.under_way <= 2
+    assert sys.getswitchinterval() == before
     assert [item for stage, item in log if stage == "b"] == list(range(50))
     assert not any(each.name.startswith("microrelief-") for each in threading.enumerate())
 
