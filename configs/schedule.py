@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from datetime import time, timedelta
 from typing import Annotated, Literal, Self
@@ -76,6 +77,17 @@ class Video(Settings):
         description="Commit scans in groups, s: less work for each, and a power cut loses at most the last group. "
         "0: each scan at once.",
     )
+    queue: Annotated[int, Strict(), Field(ge=1, le=1000)] | None = Field(
+        default=None,
+        description="How many scans may be under way at once, captured and not yet stored; where that many are, slots "
+        "are dropped whole. More bridge longer hiccups, and each takes a capture's memory. "
+        "Without it what two seconds bring, at least 4.",
+    )
+
+    @property
+    def most_under_way(self) -> int:
+        """How many scans may be under way at once."""
+        return self.queue if self.queue is not None else max(4, math.ceil(2 * self.rate_hz))
 
 
 class Within(Settings):
@@ -137,7 +149,8 @@ class Schedule(Settings):
     )
     overlap: Literal["wait", "skip"] = Field(
         default="wait",
-        description="A slot that comes due while a scan runs: wait for its end as long as the grace lasts, or skip it.",
+        description="A slot that comes due while a scan runs, or in video while too many do: wait for the end of one "
+        "as long as the grace lasts (in video one interval), or skip it.",
     )
     overrun: Duration | None = Field(
         default=None,

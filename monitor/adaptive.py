@@ -12,8 +12,8 @@ from configs import Adaptive, Campaign, format_duration
 from pipelines import AlarmState, Instant
 from storage import Store
 
-from .loop import Settled
 from .scheduler import Slots, make_slots
+from .settled import Settled
 
 __all__ = ["Pace", "PacedSlots", "exciting", "level_of", "pace_of", "paced_slots", "quiet_scans"]
 

@@ -5,39 +5,42 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from threading import Event as Flag
+from typing import Any
 
 import numpy as np
 
-from configs import Campaign, InputError
-from pipelines import Calibration, Frames, Grid, Instant, PatternSet
+from configs import Campaign
+from pipelines import Instant, PatternSet
 from storage import (
     Inbox,
     Ledger,
     Store,
-    create_store,
     ledger_beside,
     network_file_system,
-    open_store,
     room_of,
-    store_exists,
 )
 
-from . import __version__
 from .adaptive import pace_of
+from .campaign_store import create, grid_of, open_existing, units
 from .clock import Clock, RealClock
 from .companions import Companion, Companions
-from .environment import Reading, make_sensor, units_of
+from .environment import Reading, make_sensor
+from .frame_pool import FramePool
 from .health_log import HealthKeeper, HealthLog, health_file
-from .loop import Loop, Outcome, Settled
+from .items import Item, Visit
+from .line import Line, Stage, ThreadedLine
+from .loop import LayLine, Loop, counts, one_after_another
 from .notify import notifier_of
 from .recipe import campaign_hash, make_recipe, read_calibration, read_pattern_set, rig_of
 from .reporter import reporter_of
 from .resume import resume_slots
 from .rigs import Rig
 from .scheduler import grace_of
+from .settled import Outcome, Settled
 from .slot_rules import slot_rules_of
-from .visit import Epoch, Recipe, Yield, visit
+from .visit import Recipe, Work, visit
 from .warm_up import warm_up
 
 __all__ = ["UNTRUSTED", "run_campaign"]
@@ -63,7 +66,9 @@ def run_campaign(
     text: str = "",
     now: bool = False,
     companions: Sequence[Companion] = (),
-    work: Callable[[Frames, Recipe, Epoch | None, Instant], Yield] = visit,
+    work: Work[Any] = visit,
+    lay: LayLine | None = None,
+    on_worked: Callable[[Visit, int], None] | None = None,
 ) -> Outcome:
     """Run a campaign until its schedule is over, or something stops it.
 
@@ -94,8 +99,12 @@ def run_campaign(
         One visit at once, whatever the schedule says (`microrelief scan`).
     companions : sequence of Companion
         Who else is told of each slot, and may say what is to be noted in the store.
-    work : callable
+    work : Work
         What makes a tick of a capture.
+    lay : callable, optional
+        How the stages are joined; without it side by side for video, one after another for all else.
+    on_worked : callable, optional
+        Told of each visit once it is worked out, before it is durable, and how many were under way.
 
     Returns
     -------
@@ -118,7 +127,7 @@ def run_campaign(
         if remote is not None:
             tell(f"{campaign.store.path} lies on {remote}: {UNTRUSTED}")
         if store is None:  # before the slow and the physical: a store that cannot be written ends it here
-            store = _open_existing(campaign)
+            store = open_existing(campaign)
             if store is not None:
                 stack.callback(store.close)
         if isinstance(clock, RealClock) and store is not None and len(store):
@@ -131,13 +140,13 @@ def run_campaign(
         rig.open()
         stack.callback(rig.close)
         if store is None:
-            store = _create(campaign, calibration, patterns, text)
+            store = create(campaign, calibration, patterns, text)
             stack.callback(store.close)
         if ledger is None:
             ledger = Ledger(ledger_beside(campaign.store.path, campaign.store.beside))
             stack.callback(ledger.close)
         ledger.reconcile(store)
-        recipe = replace(make_recipe(campaign, patterns, calibration, _grid_of(store)), noise=store.about.noise)
+        recipe = replace(make_recipe(campaign, patterns, calibration, grid_of(store)), noise=store.about.noise)
         if not (handed or now) and _hurried(campaign):
             tell("warming up")
             _warm_up(rig, campaign, recipe, clock.now(), work, tell)
@@ -163,6 +172,8 @@ def run_campaign(
             sensor.open()
             stack.callback(sensor.close)
         slots, last = resume_slots(campaign, ledger.rows(), clock.now(), now, pace)
+        pool = FramePool()
+        pool.lend_to(rig)
         loop = Loop(
             slots,
             lambda slot: grace_of(campaign, slots, slot),
@@ -175,7 +186,7 @@ def run_campaign(
             told,
             on_wait or (lambda slot: None),
             stop or Flag(),
-            work=keeper.timed(work),
+            work=work,
             told=_provenance(campaign, patterns, store),
             notes=not now,
             rig_is_open=True,
@@ -185,8 +196,21 @@ def run_campaign(
             commit_every_s=campaign.schedule.video.commit_every_s if campaign.schedule.video is not None else 0.0,
             rules=slot_rules_of(campaign),
             asides=along.asides,
+            lay=lay or _lay_of(campaign),
+            on_worked=on_worked or (lambda visit, under_way: None),
+            let_go=pool.let_go,
         )
         return loop.run(max_scans)
+
+
+def _lay_of(campaign: Campaign) -> LayLine:
+    """How a campaign's stages are joined."""
+    video = campaign.schedule.video
+    return one_after_another if video is None else partial(_side_by_side, limit=video.most_under_way)
+
+
+def _side_by_side(stages: Sequence[Stage[Item]], stop: Flag, limit: int) -> Line[Item]:
+    return ThreadedLine(stages, limit, counts, stop.set)
 
 
 def _hurried(campaign: Campaign) -> bool:
@@ -199,12 +223,12 @@ def _warm_up(
     campaign: Campaign,
     recipe: Recipe,
     at: Instant,
-    work: Callable[[Frames, Recipe, Epoch | None, Instant], Yield],
+    work: Work[Any],
     tell: Callable[[str], None],
 ) -> None:
     """Warm up; a recording begins without, rather than not at all."""
     try:
-        warm_up(rig, recipe, _units(campaign), campaign.store.kind, at, work)
+        warm_up(rig, recipe, units(campaign), campaign.store.kind, at, work)
     except Exception as error:  # noqa: BLE001 - what fails here fails in the visits too, and is recorded there
         tell(f"not warmed up, the first scans may be late: {type(error).__name__}: {error}")
 
@@ -218,55 +242,3 @@ def _provenance(campaign: Campaign, patterns: PatternSet, store: Store) -> str:
         + (f", changed since the store was made with {first}" if settings != first else "")
         + (f", levels of detection by noise model {noise.id}" if noise is not None else "")
     )
-
-
-def _units(campaign: Campaign) -> dict[str, str]:
-    from pipelines.change import METRICS
-
-    return {name: METRICS[name].unit for name in campaign.metrics} | units_of(campaign.environment)
-
-
-def _open_existing(campaign: Campaign) -> Store | None:
-    """Open the campaign's store to go on in it; None where there is none yet."""
-    path, pitch_mm = campaign.store.path, campaign.grid.pitch_mm
-    if not store_exists(path):
-        beside = campaign.store.beside.absolute()
-        above = next(folder for folder in (beside, *beside.parents) if folder.exists())
-        if not above.is_dir():
-            raise InputError(f"store.path {path}: {above} is a file, not a folder; name another place")
-        return None
-    store = open_store(path, write=True, metrics=_units(campaign))
-    kept = store.about.grid
-    if pitch_mm is not None and kept is not None and abs(kept.pitch_mm - pitch_mm) > 1e-9:
-        store.close()
-        raise InputError(
-            f"grid.pitch_mm is {pitch_mm:g}, but the store {path} has cells of {kept.pitch_mm:g} mm: "
-            "take the store's pitch, or give store.path another name"
-        )
-    return store
-
-
-def _create(campaign: Campaign, calibration: Calibration, patterns: PatternSet, text: str) -> Store:
-    from pipelines.reconstruction import footprint_grid
-
-    try:
-        grid = footprint_grid(calibration, campaign.grid.pitch_mm)
-    except ValueError as error:
-        raise InputError(f"calibration {calibration.id}: {error}") from None
-    return create_store(
-        campaign.store.path,
-        site=campaign.site.name,
-        grid=grid,
-        campaign=text,
-        campaign_hash=campaign_hash(campaign, patterns),
-        metrics=_units(campaign),
-        software=f"microrelief {__version__}",
-        kind=campaign.store.kind,
-    )
-
-
-def _grid_of(store: Store) -> Grid:
-    grid = store.about.grid
-    if grid is None:
-        raise InputError(f"{store.about.location} has no grid: give store.path another name")
-    return grid

@@ -5,6 +5,7 @@ from __future__ import annotations
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from threading import Lock
 from typing import Protocol
 
 import numpy as np
@@ -13,7 +14,6 @@ import structlog
 from pipelines import Event, Instant, Tick, format_instant
 from storage import LedgerWriteError, Store
 
-from .clock import Clock
 from .visit import State
 
 __all__ = ["Committer", "LedgerLike"]
@@ -63,29 +63,29 @@ class Committer:
 
     Parameters
     ----------
-    store, clock
+    store : Store
     every_s : float
-        Commit in groups of what came within so many seconds; 0 commits each tick at once.
+        Commit in groups of what was planned within so many seconds; 0 commits each tick at once.
     """
 
     store: Store
-    clock: Clock
     every_s: float = 0.0
     _group: list[tuple[Tick, Done]] = field(default_factory=list)
     _due: Instant | None = None
     _rows: list[Callable[[], None]] = field(default_factory=list)
     _refused: _Refused | None = None
+    _lock: Lock = field(default_factory=Lock)
 
     def add(self, tick: Tick, done: Done, *, at_once: bool = False) -> None:
         """Commit a tick with the group that it falls into, or at once."""
         if not self._group:
-            self._due = self.clock.now() + np.timedelta64(round(self.every_s * 1e9), "ns")
+            self._due = tick.planned + np.timedelta64(round(self.every_s * 1e9), "ns")
         self._group.append((tick, done))
         if at_once or self.every_s <= 0:
             self.flush()
 
     def flush_before(self, moment: Instant | None) -> None:
-        """Commit the group if it will be due before `moment`, the time of the next visit; None: there is none."""
+        """Commit the group if it is due before `moment`, the next slot; None: there is none."""
         if self._due is not None and (moment is None or moment > self._due):
             self.flush()
 
@@ -103,16 +103,20 @@ class Committer:
         self.add(Tick(moment, events=(Event(moment, kind, text),)), lambda number, why: None)
 
     def record(self, row: Callable[[], None]) -> None:
-        """Write a row of the ledger, after those that are owed; owe it where the disk does not take it."""
-        self._rows.append(row)
-        while self._rows:
-            oldest = self._rows.pop(0)
-            try:
-                oldest()
-            except LedgerWriteError as error:
-                self._rows.insert(0, oldest)
-                _log.error("ledger", error=str(error), owed=len(self._rows))
-                return
+        """Write a row of the ledger, after those that are owed; owe it where the disk does not take it.
+
+        Safe to call from several threads.
+        """
+        with self._lock:
+            self._rows.append(row)
+            while self._rows:
+                oldest = self._rows.pop(0)
+                try:
+                    oldest()
+                except LedgerWriteError as error:
+                    self._rows.insert(0, oldest)
+                    _log.error("ledger", error=str(error), owed=len(self._rows))
+                    return
 
     def _stored(self, ticks: list[Tick]) -> list[tuple[int | None, str]]:
         if len(ticks) > 1:

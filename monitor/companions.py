@@ -9,7 +9,7 @@ from typing import Protocol
 
 import structlog
 
-from .loop import Settled
+from .settled import Settled
 
 __all__ = ["Companion", "Companions"]
 

@@ -11,7 +11,7 @@ import numpy as np
 from configs import Condition, Notify, format_duration
 from pipelines import Instant, format_instant
 
-from .loop import Settled
+from .settled import Settled
 
 __all__ = ["Message", "Standing", "changes", "observed"]
 

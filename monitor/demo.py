@@ -19,9 +19,9 @@ from storage import Store, open_store, store_exists
 from .campaign import run_campaign
 from .check import load_checked
 from .clock import AcceleratedClock
-from .loop import Outcome, Settled
 from .rigs.optics_model import Device, paper_optics
 from .rigs.simulated import sample_motion
+from .settled import Outcome, Settled
 
 __all__ = ["CAMPAIGN_FILE", "Judged", "JudgedScan", "judge_store", "prepare", "run_demo"]
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import sqlite3
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import astuple, dataclass, field, fields
 from pathlib import Path
+from queue import SimpleQueue
 
 import numpy as np
 
@@ -15,12 +15,11 @@ from configs import AutoExposure, Campaign
 from pipelines import Frames, Instant, PatternSet
 from pipelines.trends import Trend, trend
 
-from .loop import Settled
 from .rigs import Rig
-from .visit import Epoch, Recipe, Yield
+from .settled import Settled
 from .vital_signs import VitalSigns, next_exposure, vital_signs
 
-__all__ = ["Health", "HealthKeeper", "HealthLog", "health_file", "lamp_trends"]
+__all__ = ["Health", "HealthKeeper", "HealthLog", "Promptness", "health_file", "lamp_trends", "promptness"]
 
 NAN = float("nan")
 CLIPPED = 0.02
@@ -47,11 +46,15 @@ class Health:
     verdict : str
         Of the registration: good, doubtful, failed; empty without one.
     residual_mm : float
+    latency_s : float
+        From the slot until the scan was worked out.
+    dropped : int
+        Slots that were missed right after it, although the campaign ran.
     """
 
     planned: int
     state: str
-    lag_s: float
+    lag_s: float = NAN
     capture_s: float = NAN
     work_s: float = NAN
     took_s: float = NAN
@@ -63,6 +66,8 @@ class Health:
     temperature_c: float = NAN
     verdict: str = ""
     residual_mm: float = NAN
+    latency_s: float = NAN
+    dropped: int = 0
 
     @property
     def time(self) -> Instant:
@@ -70,7 +75,8 @@ class Health:
         return np.datetime64(self.planned, "ns")
 
 
-_NAMES = tuple(each.name for each in fields(Health))
+_KINDS = {"int": "INTEGER", "str": "TEXT", "float": "REAL"}
+_COLUMNS = {each.name: _KINDS[str(each.type)] for each in fields(Health)}
 
 
 class HealthLog:
@@ -83,28 +89,38 @@ class HealthLog:
         """Keep a visit; the same slot again replaces it."""
         with closing(sqlite3.connect(self._file, timeout=10.0)) as data, data:
             data.execute("PRAGMA journal_mode = WAL")
-            kinds = ["INTEGER PRIMARY KEY", "TEXT", *["REAL"] * (len(_NAMES) - 2)]
-            columns = ", ".join(f"{name} {kind}" for name, kind in zip(_NAMES, kinds, strict=True))
-            data.execute(f"CREATE TABLE IF NOT EXISTS health ({columns})")
-            marks = ", ".join("?" * len(_NAMES))
-            data.execute(f"INSERT OR REPLACE INTO health VALUES ({marks})", astuple(health))  # noqa: S608 - only marks
+            data.execute("CREATE TABLE IF NOT EXISTS health (planned INTEGER PRIMARY KEY)")
+            there = _columns_of(data)
+            for name in _COLUMNS.keys() - there:  # a new file, or one of an older version
+                data.execute(f"ALTER TABLE health ADD COLUMN {name} {_COLUMNS[name]}")
+            names, marks = ", ".join(_COLUMNS), ", ".join("?" * len(_COLUMNS))
+            data.execute(f"INSERT OR REPLACE INTO health ({names}) VALUES ({marks})", astuple(health))  # noqa: S608 - our own names
+
+    def add_dropped(self, count: int) -> None:
+        """Count slots that were missed after the newest visit."""
+        newest = "planned = (SELECT max(planned) FROM health)"
+        with closing(sqlite3.connect(self._file, timeout=10.0)) as data, data:
+            if "dropped" in _columns_of(data):
+                data.execute(f"UPDATE health SET dropped = coalesce(dropped, 0) + ? WHERE {newest}", (count,))  # noqa: S608 - a constant
 
     def newest(self, count: int) -> tuple[Health, ...]:
         """Give the newest visits, oldest first; none where nothing was kept yet."""
         if not self._file.exists():
             return ()
-        query = f"SELECT {', '.join(_NAMES)} FROM health ORDER BY planned DESC LIMIT ?"  # noqa: S608 - our own names
         try:
             with closing(sqlite3.connect(self._file, timeout=10.0)) as data:
+                names = [name for name in _COLUMNS if name in _columns_of(data)]
+                query = f"SELECT {', '.join(names)} FROM health ORDER BY planned DESC LIMIT ?"  # noqa: S608 - our own names
                 rows = data.execute(query, (count,)).fetchall()
         except sqlite3.Error:
             return ()
-        return tuple(_health(*row) for row in reversed(rows))
+        # SQLite keeps NaN as NULL
+        known = ({name: value for name, value in zip(names, row, strict=True) if value is not None} for row in rows)
+        return tuple(Health(**each) for each in reversed(list(known)))
 
 
-def _health(planned: int, state: str, *values: float | str | None) -> Health:
-    """SQLite keeps NaN as NULL."""
-    return Health(planned, state, *(NAN if value is None else value for value in values))  # type: ignore[arg-type]  # in the order of its fields
+def _columns_of(data: sqlite3.Connection) -> set[str]:
+    return {name for _, name, *_ in data.execute("PRAGMA table_info(health)")}
 
 
 def health_file(campaign: Campaign) -> Path:
@@ -114,7 +130,9 @@ def health_file(campaign: Campaign) -> Path:
 
 @dataclass(slots=True)
 class HealthKeeper:
-    """Goes along with a run: watches the rig and the work, keeps each visit's health, and sets the exposure.
+    """Goes along with a run: watches the rig, keeps each visit's health, and sets the exposure.
+
+    It looks at a capture on the thread that captures, and keeps it on the one that settles, which may be long after.
 
     Parameters
     ----------
@@ -128,78 +146,96 @@ class HealthKeeper:
     rig: Rig
     log: HealthLog
     auto: AutoExposure | None = None
-    _seen: tuple[VitalSigns, float] | None = None
-    _slots: dict[Instant, tuple[VitalSigns, float, float]] = field(default_factory=dict)
-    _newest: Instant | None = None
+    _seen: dict[Instant, tuple[VitalSigns, float]] = field(default_factory=dict)
+    _told: SimpleQueue[str] = field(default_factory=SimpleQueue)
 
     def open(self) -> None:
         """Open the rig."""
         self.rig.open()
 
     def capture(self, patterns: PatternSet, at: Instant) -> Frames:
-        """Capture, and look at what came."""
-        self._seen = None
-        began = time.perf_counter()
+        """Capture, look at what came, and set the exposure of the next."""
         frames = self.rig.capture(patterns, at)
-        took = time.perf_counter() - began
-        self._seen = vital_signs(frames), took
+        signs = vital_signs(frames)
+        self._seen[at] = signs, float(getattr(self.rig, "temperature_c", NAN))
+        self._expose(signs)
         return frames
 
     def close(self) -> None:
         """Close the rig."""
         self.rig.close()
 
-    def timed(self, work: Callable[[Frames, Recipe, Epoch | None, Instant], Yield]) -> Callable[..., Yield]:
-        """Give the work, and note how long it takes."""
-
-        def timing(frames: Frames, recipe: Recipe, epoch: Epoch | None, planned: Instant) -> Yield:
-            began = time.perf_counter()
-            try:
-                return work(frames, recipe, epoch, planned)
-            finally:
-                if self._seen is not None:  # kept by slot: video settles in groups, long after
-                    self._slots[planned] = *self._seen, time.perf_counter() - began
-                    self._newest = planned
-
-        return timing
-
     def settled(self, settled: Settled) -> Sequence[str]:
-        """Keep a visit's health, and set the exposure of the next; give what is to be noted."""
-        if settled.state == "missed":
-            return ()
-        nothing = VitalSigns(NAN, NAN, NAN, NAN, NAN), NAN, NAN
-        signs, capture_s, work_s = self._slots.pop(settled.planned, nothing)
-        motion = settled.tick.change.motion if settled.tick is not None and settled.tick.change is not None else None
-        health = Health(
-            int(settled.planned.astype("datetime64[ns]").astype(np.int64)),
-            settled.state,
-            settled.lag_s,
-            capture_s,
-            work_s,
-            settled.took_s,
-            signs.exposure_ms,
-            signs.bright,
-            signs.light,
-            signs.dark,
-            signs.saturated,
-            float(getattr(self.rig, "temperature_c", NAN)),
-            motion.verdict if motion is not None else "",
-            motion.residual_mm if motion is not None else NAN,
-        )
-        told = self._expose(signs) if settled.planned == self._newest else ()
-        self.log.add(health)
-        return told
+        """Keep a visit's health; give what is to be noted."""
+        if settled.state != "missed":
+            self._keep(settled)
+        elif settled.dropped:
+            self.log.add_dropped(settled.dropped)
+        return [self._told.get() for _ in range(self._told.qsize())]
 
-    def _expose(self, signs: VitalSigns) -> tuple[str, ...]:
+    def _keep(self, settled: Settled) -> None:
+        nothing = VitalSigns(NAN, NAN, NAN, NAN, NAN), NAN
+        signs, temperature_c = self._seen.pop(settled.began, nothing) if settled.began is not None else nothing
+        motion = settled.tick.change.motion if settled.tick is not None and settled.tick.change is not None else None
+        self.log.add(
+            Health(
+                int(settled.planned.astype("datetime64[ns]").astype(np.int64)),
+                settled.state,
+                settled.lag_s,
+                settled.timings.capture_s,
+                settled.timings.work_s,
+                settled.took_s,
+                signs.exposure_ms,
+                signs.bright,
+                signs.light,
+                signs.dark,
+                signs.saturated,
+                temperature_c,
+                motion.verdict if motion is not None else "",
+                motion.residual_mm if motion is not None else NAN,
+                settled.latency_s,
+            )
+        )
+
+    def _expose(self, signs: VitalSigns) -> None:
         set_exposure = getattr(self.rig, "set_exposure", None)
         if self.auto is None or set_exposure is None:
-            return ()
+            return
         wanted = next_exposure(signs, self.auto)
         if not np.isfinite(wanted) or wanted == signs.exposure_ms:
-            return ()
-        set_exposure(wanted)
+            return
         why = f"{signs.saturated:.1%} saturated" if wanted < signs.exposure_ms else f"brightest {signs.bright:.0%}"
-        return (f"exposure {signs.exposure_ms:.2f} ms -> {wanted:.2f} ms: {why}",)
+        try:
+            set_exposure(wanted)
+        except Exception as error:  # noqa: BLE001 - a device that refuses it still captures
+            why = f"{why}, but the rig refused: {error}"
+        self._told.put(f"exposure {signs.exposure_ms:.2f} ms -> {wanted:.2f} ms: {why}")
+
+
+@dataclass(frozen=True, slots=True)
+class Promptness:
+    """How the newest visits kept their slots: the newest one's lateness, and of all of them what was dropped.
+
+    `latency_s` is from the slot until the scan was worked out, NaN where none was.
+    """
+
+    lag_s: float
+    latency_s: float
+    dropped: int
+    visits: int
+
+    @property
+    def told(self) -> str:
+        """In words."""
+        after = f", worked out after {self.latency_s:.2f} s" if np.isfinite(self.latency_s) else ""
+        return f"newest began {self.lag_s:.3f} s late{after}; {self.dropped} dropped beside the newest {self.visits}"
+
+
+def promptness(visits: Sequence[Health]) -> Promptness | None:
+    """How visits kept their slots; None where there are none."""
+    if not visits:
+        return None
+    return Promptness(visits[-1].lag_s, visits[-1].latency_s, sum(each.dropped for each in visits), len(visits))
 
 
 def lamp_trends(visits: Sequence[Health]) -> dict[str, Trend]:

@@ -21,8 +21,8 @@ from pipelines import Instant, format_instant
 from storage import Store, full_at, used_bytes
 
 from .conditions import Message, changes, observed
-from .loop import Settled
 from .outbox import Outbox, Pending
+from .settled import Settled
 
 __all__ = ["Notifier", "Targets", "notifier_of", "outbox_file", "read_targets", "send_test"]
 

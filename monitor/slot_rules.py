@@ -35,7 +35,8 @@ class SlotRules:
     catch_up : {"newest", "none"}
         After a start or a gap: take the newest due slot within its grace, or wait for the next.
     overlap : {"wait", "skip"}
-        A slot that came due while a visit ran: taken after it, within its grace, or missed.
+        A slot that came due while a visit ran, or in video while too many scans were under way: taken after it, within
+        its grace, or missed.
     overrun_s : float or None
         A visit that takes longer is noted.
     """
@@ -72,6 +73,7 @@ def answer(
     busy_until: Instant,
     grace: Callable[[Instant], float],
     rules: SlotRules,
+    busy: str = RUNNING,
 ) -> Answer:
     """Of all slots that are due, take the newest where the rules allow it; the others are missed.
 
@@ -80,16 +82,18 @@ def answer(
     slots, slot, now
         All slots, the oldest that is due, and the time.
     started, busy_until : Instant
-        When this run began, and when its last visit ended.
+        When this run began, and until when no visit could begin.
     grace : callable
         How late a slot's visit may begin, s.
     rules : SlotRules
+    busy : str
+        Why none could begin until then: the cause of slots that came due before.
     """
 
     def cause(missed: Instant) -> str:
         if missed < started:
             return NOT_RUNNING
-        return RUNNING if missed <= busy_until else ASLEEP
+        return busy if missed <= busy_until else ASLEEP
 
     due = list(islice(chain([slot], slots_between(slots, slot, now)), MOST_LISTED + 1))
     newest = due[-1]
@@ -99,7 +103,7 @@ def answer(
         due = [*due[:MOST_LISTED], newest]
     why, alone = cause(newest), len(due) == 1
     take = seconds_between(newest, now) <= grace(newest)
-    if why == RUNNING:
+    if why == busy:
         take = take and rules.overlap == "wait"
     elif why == NOT_RUNNING or not alone:
         take = take and rules.catch_up == "newest"

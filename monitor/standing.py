@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from itertools import islice
 from pathlib import Path
 
@@ -29,6 +29,7 @@ from storage import (
 
 from .adaptive import Pace, pace_of
 from .clock import seconds_between
+from .health_log import HealthLog, Promptness, health_file, promptness
 from .loop import ENDED
 from .resume import resume_slots
 from .scheduler import Slots, grace_of, slots_between
@@ -37,6 +38,9 @@ __all__ = ["Standing", "look", "standing_of"]
 
 RECENT = 28
 """So many of the newest slots decide whether a campaign is degraded: a week of visits every six hours."""
+
+PROMPT = 100
+"""Over so many of the newest visits is counted what was dropped beside them."""
 
 MANY = 100_000
 """Overdue slots are counted up to here."""
@@ -69,6 +73,8 @@ class Standing:
         When the disk will be full at this pace; None where that is not known.
     why : str
         What is wrong, in words; empty where nothing is.
+    prompt : Promptness or None
+        How the newest visits kept their slots; None where nothing is known of them.
     """
 
     site: str
@@ -88,6 +94,7 @@ class Standing:
     free_bytes: int = 0
     disk_full: Instant | None = None
     why: str = ""
+    prompt: Promptness | None = None
 
     @property
     def exit_code(self) -> int:
@@ -100,6 +107,9 @@ class Standing:
         for name in self.__dataclass_fields__:
             value: object = getattr(self, name)
             mapping[name] = format_instant(value) if isinstance(value, np.datetime64) else value
+        if self.prompt is not None:
+            told = asdict(self.prompt)
+            mapping["prompt"] = {name: None if value != value else value for name, value in told.items()}
         return mapping
 
 
@@ -142,7 +152,7 @@ def look(path: str | Path, now: Instant, campaign: Campaign | None = None) -> St
         store.about.site, store.about.location, state, running, len(store),
         counts["missed"], counts["rejected"], counts["failed"],
         newest.scan.time if newest is not None else None, coming, overdue, alarms, words, disk, free, full,
-        why,
+        why, promptness(HealthLog(health_file(campaign)).newest(PROMPT)) if campaign is not None else None,
     )  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""What a running campaign says: a plain line for each slot, and on a terminal what it is waiting for."""
+"""What a running campaign says: a plain line for each slot, and on a terminal what it waits for or how it keeps up."""
 
 from __future__ import annotations
 
@@ -9,9 +9,12 @@ from typing import Self
 from rich.console import Console
 from rich.status import Status
 
+from configs import Campaign
 from pipelines import Instant, format_instant
 
-from .loop import Outcome, Settled
+from .items import Visit
+from .pulse import PulseMeter
+from .settled import Outcome, Settled
 
 __all__ = ["Teller"]
 
@@ -19,21 +22,24 @@ __all__ = ["Teller"]
 class Teller:
     """Says what happens, one line each, flushed: whoever reads a pipe knows of a scan as soon as it is durable.
 
+    Of a video it says how late each scan began and was worked out; on a terminal one line stands for all scans that
+    were simply taken. Several threads may tell it.
+
     Parameters
     ----------
-    with_lag : bool
-        Say how late each visit began (video).
+    campaign : Campaign
     """
 
-    def __init__(self, *, with_lag: bool = False) -> None:
-        self._with_lag = with_lag
+    def __init__(self, campaign: Campaign) -> None:
+        video = campaign.schedule.video
+        self._pulse = PulseMeter(video.most_under_way) if video is not None else None
         self._console = Console(highlight=False, soft_wrap=True)
         self._waited = False
         self._status: Status | None = None
 
     def __enter__(self) -> Self:
         if self._console.is_terminal:
-            self._status = self._console.status("starting")
+            self._status = self._console.status("starting", refresh_per_second=4)
             self._status.start()
         return self
 
@@ -59,20 +65,31 @@ class Teller:
         """Say what is being waited for: always on a terminal, elsewhere the first only."""
         line = f"next scan {format_instant(slot)}"
         if self._status is not None:
-            self._status.update(line)
+            if self._pulse is None or not self._waited:
+                self._status.update(line)
         elif not self._waited:
             self.say(line)
         self._waited = True
 
+    def worked(self, visit: Visit, under_way: int) -> None:
+        """Show on a terminal how a video keeps up, now that a visit is worked out."""
+        pulse = self._pulse.worked(visit, under_way) if self._pulse is not None else None
+        if self._status is not None and pulse is not None:
+            self._status.update(pulse.line)
+
     def settled(self, settled: Settled) -> None:
         """Say how a slot ended."""
+        if self._pulse is not None:
+            self._pulse.settled(settled)
         if settled.number is not None and settled.tick is not None and settled.tick.scan is not None:
             line = f"committed scan {settled.number} {format_instant(settled.tick.scan.time)}"
-            if self._with_lag:
-                line += f" lag {settled.lag_s:.3f} s took {settled.took_s:.3f} s"
+            if self._pulse is not None:
+                late = f"lag {settled.lag_s:.3f} s worked out {settled.latency_s:.3f} s took {settled.took_s:.3f} s"
+                line = f"{line} {late}"
             if settled.state == "rejected":
                 line += f" rejected: {settled.cause}"
-            self.say(line)
+            if self._pulse is None or self._status is None or settled.state != "taken":
+                self.say(line)
         elif settled.count > 1:
             self.say(settled.told)
         else:
@@ -84,11 +101,12 @@ class Teller:
     def summary(self, outcome: Outcome) -> None:
         """Say what the run came to."""
         parts = [f"{outcome.taken} taken"]
-        if self._with_lag:
+        if self._pulse is not None:
             parts.append(f"{outcome.missed} dropped")
         elif outcome.missed:
             parts.append(f"{outcome.missed} missed")
         parts += [f"{count} {state}" for state in ("rejected", "failed") if (count := getattr(outcome, state))]
-        if self._with_lag and outcome.lags_s:
-            parts.append(f"lag p50 {statistics.median(outcome.lags_s):.3f} s max {max(outcome.lags_s):.3f} s")
+        for name, values in (("lag", outcome.lags_s), ("worked out after", outcome.latencies_s)):
+            if self._pulse is not None and values:
+                parts.append(f"{name} p50 {statistics.median(values):.3f} s max {max(values):.3f} s")
         self.say(("stopped: " if outcome.stopped else "done: ") + ", ".join(parts))

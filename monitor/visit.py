@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Generic, Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -33,8 +33,10 @@ __all__ = [
     "Epoch",
     "Finding",
     "Mask",
+    "Measured",
     "Recipe",
     "State",
+    "Work",
     "Yield",
     "compare_with",
     "failed_tick",
@@ -49,6 +51,9 @@ Mask = npt.NDArray[np.bool_] | None
 
 State = Literal["taken", "missed", "rejected", "failed"]
 """How a planned slot ends."""
+
+Between = TypeVar("Between")
+"""What the first step of the work gives to the second."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,24 +136,42 @@ def make_scan(frames: Frames, recipe: Recipe) -> Scan:
     return scan
 
 
-def visit(frames: Frames, recipe: Recipe, epoch: Epoch | None, planned: Instant) -> Yield:
-    """Work one capture out.
+@dataclass(frozen=True, slots=True)
+class Work(Generic[Between]):
+    """How a capture becomes a tick: two steps, which a video does side by side, each on another capture.
 
     Parameters
     ----------
-    frames : Frames
-    recipe : Recipe
-    epoch : Epoch or None
-        None before the first scan. A baseline of another calibration ends its epoch: the scan becomes the baseline
-        of the next, and the store records that as an event.
-    planned : Instant
-        The slot that the capture answers.
+    reconstruct : callable
+        From the frames to what was measured. Nobody holds the frames after it, unless the recipe keeps them.
+    compare : callable
+        From there to a yield, against the epoch (None before the first scan); last comes the slot that is answered.
 
-    Returns
-    -------
-    Yield
-        ``taken``, or ``rejected`` where the scan cannot be laid onto the baseline: it is kept with its flagged
-        change, and gives no metrics.
+    Raises
+    ------
+    CaptureError, ValueError
+        Each, if the capture cannot be used.
+    """
+
+    reconstruct: Callable[[Frames, Recipe], Between]
+    compare: Callable[[Between, Recipe, Epoch | None, Instant], Yield]
+
+    def __call__(self, frames: Frames, recipe: Recipe, epoch: Epoch | None, planned: Instant) -> Yield:
+        """Do both."""
+        return self.compare(self.reconstruct(frames, recipe), recipe, epoch, planned)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """What a capture gave: its scan, what there is to say of it, and its frames where they are kept."""
+
+    scan: Scan
+    notes: tuple[Event, ...] = ()
+    frames: Frames | None = None
+
+
+def measured(frames: Frames, recipe: Recipe) -> Measured:
+    """Work a capture out up to its height map.
 
     Raises
     ------
@@ -156,14 +179,33 @@ def visit(frames: Frames, recipe: Recipe, epoch: Epoch | None, planned: Instant)
         If the frames cannot become a height map, or `diagnose` rejects them.
     """
     notes = remarks(frames)
-    scan = make_scan(frames, recipe)
+    return Measured(make_scan(frames, recipe), notes, frames if recipe.keep_frames else None)
+
+
+def compared(capture: Measured, recipe: Recipe, epoch: Epoch | None, planned: Instant) -> Yield:
+    """Compare with the baseline, measure and judge.
+
+    A baseline of another calibration ends its epoch: the scan becomes the baseline of the next, and the store records
+    that as an event.
+
+    Returns
+    -------
+    Yield
+        ``taken``, or ``rejected`` where the scan cannot be laid onto the baseline: it is kept with its flagged
+        change, and gives no metrics.
+    """
     baseline = epoch.baseline if epoch is not None else None
-    finding = compare_with(baseline, scan, recipe.stable, recipe.region, recipe.metrics, recipe.noise)
+    finding = compare_with(baseline, capture.scan, recipe.stable, recipe.region, recipe.metrics, recipe.noise)
     before = epoch.watches if epoch is not None else {}
-    result = judged(finding, recipe.alarms, before, planned, notes)
-    kept = frames if recipe.keep_frames else None
-    since = frames.time - recipe.frames_for if recipe.keep_frames and recipe.frames_for is not None else None
+    result = judged(finding, recipe.alarms, before, planned, capture.notes)
+    kept, since = capture.frames, None
+    if kept is not None and recipe.frames_for is not None:
+        since = kept.time - recipe.frames_for
     return replace(result, tick=replace(result.tick, calibration=recipe.calibration, frames=kept, frames_since=since))
+
+
+visit = Work(measured, compared)
+"""What every campaign does with its captures."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import closing
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from pipelines import Frames, Instant
 from storage import create_store
 
 from .rigs import Rig
-from .visit import Epoch, Recipe, Yield
+from .visit import Epoch, Recipe, Work
 
 __all__ = ["warm_up"]
 
@@ -27,7 +28,7 @@ def warm_up(
     units: Mapping[str, str],
     kind: str,
     at: Instant,
-    work: Callable[[Frames, Recipe, Epoch | None, Instant], Yield],
+    work: Work[Any],
 ) -> None:
     """Capture, reconstruct, compare, measure and commit to a store that is thrown away.
 
@@ -43,7 +44,7 @@ def warm_up(
     kind : str
         Of the campaign's store.
     at : Instant
-    work : callable
+    work : Work
         What makes a tick of a capture.
 
     Raises

@@ -6,7 +6,7 @@ import os
 import socket
 from collections.abc import Sequence
 
-from .loop import Settled
+from .settled import Settled
 
 __all__ = ["Watchdog", "tell_systemd"]
 

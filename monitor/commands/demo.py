@@ -15,8 +15,8 @@ from storage import Store, open_store
 from ..check import load_checked
 from ..demo import JudgedScan, count_scans, judge_store, prepare, run_demo
 from ..log import set_up_log
-from ..loop import Settled
 from ..progress import progress
+from ..settled import Settled
 from ..stopping import graceful_stop
 
 __all__ = ["demo", "our_command"]

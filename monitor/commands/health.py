@@ -59,6 +59,7 @@ def _line(each: Health) -> str:
         ("late", each.lag_s, "{:.3f} s"),
         ("capture", each.capture_s, "{:.2f} s"),
         ("work", each.work_s, "{:.2f} s"),
+        ("worked out after", each.latency_s, "{:.2f} s"),
         ("exposure", each.exposure_ms, "{:.2f} ms"),
         ("light", each.light, "{:.0%}"),
         ("saturated", each.saturated, "{:.2%}"),
@@ -66,7 +67,8 @@ def _line(each: Health) -> str:
     ):
         if math.isfinite(value):
             parts.append(f"{text} {form.format(value)}")
-    return ", ".join([*parts, *([f"registration {each.verdict}"] if each.verdict else [])])
+    parts += [f"registration {each.verdict}"] if each.verdict else []
+    return ", ".join([*parts, *([f"{each.dropped} dropped after it"] if each.dropped else [])])
 
 
 def _trend(name: str, line: Trend) -> str:

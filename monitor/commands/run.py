@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from configs import Campaign, CampaignFile, InputError
 
@@ -11,11 +12,16 @@ from ..campaign import run_campaign
 from ..check import load_checked
 from ..clock import RealClock
 from ..forecast import forecast_lines
+from ..items import Visit
 from ..log import LogFormat, set_up_log
-from ..loop import Settled
+from ..newest import showing
+from ..settled import Settled
 from ..stopping import graceful_stop
 from ..teller import Teller
 from ..watchdog import Watchdog
+
+if TYPE_CHECKING:
+    from dashboards import Preview
 
 __all__ = ["follow", "run", "scan"]
 
@@ -70,7 +76,7 @@ def run(
             server = stack.enter_context(PageServer([source], port=status_port))
             print(f"status at {server.link}", flush=True)
         set_up_log(form=log_format, file=log_file)
-        return follow(file, file.campaign, max_scans=max_scans, with_lag=file.campaign.schedule.video is not None)
+        return follow(file, file.campaign, max_scans=max_scans)
 
 
 def scan(campaign: Path) -> int:
@@ -90,7 +96,7 @@ def scan(campaign: Path) -> int:
     file = load_checked(campaign)
     ended: list[Settled] = []
     set_up_log()
-    with Teller() as teller:
+    with Teller(file.campaign) as teller:
 
         def settled(each: Settled) -> None:
             ended.append(each)
@@ -105,10 +111,20 @@ def scan(campaign: Path) -> int:
     return 4 if last.state == "rejected" else 75 if last.unavailable else 1
 
 
-def follow(file: CampaignFile, campaign: Campaign, *, max_scans: int | None = None, with_lag: bool = False) -> int:
-    """Run a campaign in real time, saying what happens; give the exit code."""
+def follow(
+    file: CampaignFile, campaign: Campaign, *, max_scans: int | None = None, preview: Preview | None = None
+) -> int:
+    """Run a campaign in real time, saying what happens and showing each scan; give the exit code."""
     watchdog = Watchdog()
-    with graceful_stop() as stop, Teller(with_lag=with_lag) as teller:
+    with ExitStack() as stack:
+        stop, teller = stack.enter_context(graceful_stop()), stack.enter_context(Teller(campaign))
+        newest = stack.enter_context(showing(preview.show)) if preview is not None else None
+
+        def worked(visit: Visit, under_way: int) -> None:
+            teller.worked(visit, under_way)
+            if newest is not None and visit.tick.scan is not None:
+                newest.offer(visit.tick.scan)
+
         outcome = run_campaign(
             campaign,
             clock=RealClock(nap=watchdog.alive),
@@ -116,6 +132,7 @@ def follow(file: CampaignFile, campaign: Campaign, *, max_scans: int | None = No
             on_settled=teller.settled,
             on_wait=teller.wait,
             on_stage=teller.stage,
+            on_worked=worked,
             max_scans=max_scans,
             stop=stop,
             text=file.text,

@@ -60,6 +60,8 @@ def _lines(standing: Standing) -> list[str]:
         f"  last     {told(standing.last)}",
         f"  next     {told(standing.next)}" + ("" if standing.running else " (not running)"),
     ]
+    if standing.prompt is not None:
+        lines.append(f"  slots    {standing.prompt.told}")
     for name, state in standing.alarms.items():
         lines.append(f"  alarm    {name}: {state}")
         lines += [f"           {part}" for part in standing.alarm_words.get(name, "").split("; ") if part]

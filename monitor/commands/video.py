@@ -16,12 +16,20 @@ from .run import follow
 __all__ = ["video"]
 
 
-def video(campaign: Path, *, for_: Annotated[str | None, Parameter(name="--for")] = None) -> int:
+def video(
+    campaign: Path,
+    *,
+    for_: Annotated[str | None, Parameter(name="--for")] = None,
+    live: Annotated[bool, Parameter(negative="")] = False,
+    web: Annotated[bool, Parameter(negative="")] = False,
+    port: int = 9090,
+) -> int:
     """Record continuous 3D video: capture, reconstruct, compare and store at the campaign's rate.
 
-    Prints ``committed scan N TIME`` once a scan is durable, how late it began and how long it took, and at the end how
-    many were taken and dropped. A slot that cannot be kept is dropped, and recorded with its cause. Ctrl-C finishes the
-    scan under way. Exit code 4: scans were dropped, rejected or failed.
+    The next scan is captured while those before are worked out and stored. Prints ``committed scan N TIME`` once a scan
+    is durable, how late it began and how long it took; on a terminal one line says how it keeps up instead. A slot that
+    cannot be kept is dropped whole, and recorded with how far behind the work was. Ctrl-C finishes the scans under
+    way. Exit code 4: scans were dropped, rejected or failed.
 
     Parameters
     ----------
@@ -29,10 +37,17 @@ def video(campaign: Path, *, for_: Annotated[str | None, Parameter(name="--for")
         Campaign file with ``schedule: {video: {rate_hz: ...}}``.
     for_
         How long to record, such as 20s or 5min, instead of what the campaign says.
+    live
+        Show each scan in 3D in the Rerun viewer as soon as it is worked out; a viewer that is slower shows fewer.
+    web
+        The same in a browser on this machine (127.0.0.1 alone); prints the link.
+    port
+        Port of the web page; data come through the next one.
 
     Examples
     --------
     microrelief video video.yaml --for 20s
+    microrelief video video.yaml --live
     """
     file = load_checked(campaign)
     settings = file.campaign
@@ -47,4 +62,11 @@ def video(campaign: Path, *, for_: Annotated[str | None, Parameter(name="--for")
         schedule = settings.schedule.model_copy(update={"video": recording})
         settings = settings.model_copy(update={"schedule": schedule})
     set_up_log()
-    return follow(file, settings, with_lag=True)
+    if not (live or web):
+        return follow(file, settings)
+    from dashboards import open_preview
+
+    with open_preview(web=web, port=port) as preview:
+        if preview.link:
+            print(f"live at {preview.link}", flush=True)
+        return follow(file, settings, preview=preview)

@@ -41,6 +41,8 @@ class _Collector(Collector):
             "disk_used_bytes": "Bytes of the store.",
             "disk_free_bytes": "Bytes free on its disk.",
             "disk_full_timestamp_seconds": "When the disk is full at this pace.",
+            "lag_seconds": "How late the newest visit began.",
+            "latency_seconds": "From the newest visit's slot until its scan was worked out.",
         }
         families = {
             name: GaugeMetricFamily(f"microrelief_{name}", told, labels=["site"]) for name, told in gauges.items()
@@ -68,6 +70,8 @@ class _Collector(Collector):
                 "disk_used_bytes": float(standing.disk_bytes),
                 "disk_free_bytes": float(standing.free_bytes),
                 "disk_full_timestamp_seconds": standing.disk_full,
+                "lag_seconds": standing.prompt.lag_s if standing.prompt is not None else None,
+                "latency_seconds": standing.prompt.latency_s if standing.prompt is not None else None,
             }
             for name, value in values.items():
                 if value is not None:

@@ -15,6 +15,9 @@ class Rig(Protocol):
 
     A rig is made by its registered factory from the campaign's rig options (plain keywords), touches no device before
     ``open``, and after ``close`` may be opened again. It never knows the truth that a pipeline is to find.
+
+    It may have more, which is used where it is there: ``set_exposure(ms)``; ``temperature_c``; and ``make_stack(shape,
+    dtype)``, which gives the array that it captures into: ``numpy.empty``, until somebody who lends room sets another.
     """
 
     def open(self) -> None:

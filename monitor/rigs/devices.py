@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from configs import CaptureError
 from pipelines import Frames, Instant, PatternSet
@@ -58,6 +59,7 @@ class DevicesRig:
         self.projector: Projector = make_from_kind("projector", PROJECTORS, projector or {"kind": "external"})
         self.settle_s = settle_ms / 1000.0
         self._retries = retries
+        self.make_stack: Callable[..., npt.NDArray[Any]] = np.empty
         self._open = False
 
     def open(self) -> None:
@@ -102,7 +104,7 @@ class DevicesRig:
             shot = self._take(f"frame {frame} ({role.name})", count, remarks)
             count = shot.number
             if stack is None:
-                stack = np.empty((len(patterns.roles), *shot.image.shape), shot.image.dtype)
+                stack = self.make_stack((len(patterns.roles), *shot.image.shape), shot.image.dtype)
             elif shot.image.shape != stack.shape[1:] or shot.image.dtype != stack.dtype:
                 raise CaptureError(f"devices rig: frame {frame} has another size or depth than those before it")
             stack[frame] = shot.image

@@ -76,8 +76,14 @@ def profiles(patterns: PatternSet, optics: Optics) -> Profiles:
 
 
 def expose(
-    view: View, optics: Optics, lines: Profiles, light: Light, noise: npt.NDArray[np.float32], start: int
-) -> npt.NDArray[np.uint8]:
+    view: View,
+    optics: Optics,
+    lines: Profiles,
+    light: Light,
+    noise: npt.NDArray[np.float32],
+    start: int,
+    frames: npt.NDArray[np.uint8],
+) -> None:
     """Take the frames.
 
     Parameters
@@ -90,10 +96,8 @@ def expose(
         Standard normal numbers, n a power of two well above a row; each row of each frame reads on from another place.
     start : int
         Where the first row reads.
-
-    Returns
-    -------
-    ndarray of uint8, shape (frame, row, column)
+    frames : ndarray of uint8, shape (frame, row, column)
+        Is filled.
     """
     camera, projector = optics.camera, optics.projector
     off_projector = np.abs(view.depth_projector - projector.focus_mm)
@@ -111,7 +115,7 @@ def expose(
     passes = max(1, int(np.ceil(float(variance.max()) / 0.6)))
     side = (variance / (2 * passes)).astype(np.float32)  # a kernel (w, 1-2w, w) has variance 2 w
     (column, column_part), (row, row_part) = places
-    frames: npt.NDArray[np.uint8] = _expose(
+    _expose(
         lines.tables.reshape(len(lines.tables), -1),
         lines.along_rows,
         column,
@@ -126,16 +130,29 @@ def expose(
         light.room,
         noise,
         start,
+        frames,
     )
-    return frames
 
 
 @njit(cache=True, nogil=True, fastmath=True, error_model="numpy")
 def _expose(  # type: ignore[no-untyped-def]  # numba infers
-    tables, along_rows, column, column_part, row, row_part, lit, ambient, side, passes, power, room, noise, start
+    tables,
+    along_rows,
+    column,
+    column_part,
+    row,
+    row_part,
+    lit,
+    ambient,
+    side,
+    passes,
+    power,
+    room,
+    noise,
+    start,
+    frames,
 ):
     rows, columns = lit.shape
-    frames = np.empty((len(tables), rows, columns), np.uint8)
     image = np.empty((rows, columns), np.float32)
     spare = np.empty((rows, columns), np.float32)
     shot = np.float32(255.0 / FULL_WELL)
@@ -176,4 +193,3 @@ def _expose(  # type: ignore[no-untyped-def]  # numba infers
                 clean = image[r, c]
                 grey = clean + black + noise[first + c] * np.sqrt(shot * max(clean, np.float32(0.0)) + read) + half
                 frames[f, r, c] = np.uint8(min(max(grey, np.float32(0.0)), np.float32(255.0)))
-    return frames

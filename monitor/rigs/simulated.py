@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -113,6 +113,7 @@ class SimulatedRig:
         self._visits = 0
         self._stage: _Stage | None = None
         self._lines: tuple[PatternSet, Profiles] | None = None
+        self.make_stack: Callable[..., npt.NDArray[Any]] = np.empty
 
     def open(self) -> None:
         """Lay the scene under the optics; what does not change from visit to visit is computed here."""
@@ -198,7 +199,9 @@ class SimulatedRig:
         strength = 255 * power * self._exposure_ms / FULL_LIGHT_MS * (1 + chance.normal(0, self._flicker, count))
         room = self._room_light * (1 + 0.15 * np.sin(np.linspace(0, 2.5, count) + chance.uniform(0, 6.28)))
         light = Light(strength.astype(np.float32), room.astype(np.float32))
-        return expose(view, here, self._lines[1], light, stage.noise, int(chance.integers(len(stage.noise))))
+        frames = self.make_stack((count, *view.lit.shape), np.uint8)
+        expose(view, here, self._lines[1], light, stage.noise, int(chance.integers(len(stage.noise))), frames)
+        return frames
 
 
 def sample_motion(at: Instant, *, seed: int = 1, drift_mm: float = DRIFT_MM) -> npt.NDArray[np.float64]:

@@ -15,10 +15,12 @@ import numpy as np
 from configs import Campaign
 from monitor.campaign import run_campaign
 from monitor.clock import AcceleratedClock, RealClock
-from monitor.loop import Settled
+from monitor.settled import Settled
 from monitor.stopping import graceful_stop
 from monitor.visit import Epoch, Recipe, Yield
 from pipelines import Calibration, Frames, Instant, Lens, Scan, Tick, instant
+
+from .stand_ins import whole
 
 CAMERA = Lens((16, 12), np.array([[1000.0, 0, 8], [0, 1000, 6], [0, 0, 1]]), np.zeros(5))
 PROJECTOR = Lens((16, 16), np.array([[300.0, 0, 8], [0, 300, 8], [0, 0, 1]]), np.zeros(5))
@@ -47,6 +49,7 @@ class Rig:
         pass
 
 
+@whole
 def work(frames: Frames, recipe: Recipe, epoch: Epoch | None, planned: Instant) -> Yield:
     """A scan whose height tells its slot, so that a scan in the wrong place would show."""
     hours = float((planned - instant(BASE)) / np.timedelta64(1, "h"))

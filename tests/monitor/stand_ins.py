@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from monitor.visit import Epoch, Recipe, State, Yield
+from monitor.visit import Epoch, Recipe, State, Work, Yield
 from pipelines import Calibration, Frames, Grid, Instant, Lens, PatternSet, Scan, Tick, parse_instant
 
 GRID = Grid(4, 5, 0.1)
@@ -123,6 +123,12 @@ def flat_scan(frames: Frames) -> Scan:
     return Scan(GRID, frames.time, flat, flat, flat.astype(np.uint8), flat.astype(np.uint8))
 
 
+def whole(work: Callable[[Frames, Recipe, Epoch | None, Instant], Yield]) -> Work[Frames]:
+    """Work whose first step hands the frames on, and whose second does all."""
+    return Work(lambda frames, recipe: frames, work)
+
+
+@whole
 def work(frames: Frames, recipe: Recipe, epoch: Epoch | None, planned: Instant) -> Yield:
     """Stands in for the reconstruction: a flat scan of every capture."""
     return Yield(Tick(planned, flat_scan(frames)), "taken")

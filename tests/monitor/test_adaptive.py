@@ -16,7 +16,7 @@ from configs import Adaptive, Campaign
 from monitor.adaptive import exciting, level_of
 from monitor.campaign import run_campaign
 from monitor.clock import AcceleratedClock
-from monitor.loop import Settled
+from monitor.settled import Settled
 from monitor.visit import Epoch, Recipe, Yield
 from pipelines import AlarmState, Frames, Instant, instant
 from pipelines.trends import Watch
@@ -24,6 +24,7 @@ from storage import Ledger, ledger_beside, open_store
 
 from . import campaigns
 from .campaigns import BASE, Rig, campaign_in
+from .stand_ins import whole
 
 T0 = instant(BASE)
 MINUTE = np.timedelta64(60 * 10**9, "ns")
@@ -40,6 +41,7 @@ def adaptive(folder: Path, **keys: Any) -> Campaign:
 def run(folder: Path, alarmed: set[int], visits: int, at_min: int = 0, **keys: Any) -> list[int]:
     """Run; `alarmed` names the minutes of T0 whose scan finds the alarm standing. Gives the minutes of all visits."""
 
+    @whole
     def work(frames: Frames, recipe: Recipe, epoch: Epoch | None, planned: Instant) -> Yield:
         made = campaigns.work(frames, recipe, epoch, planned)
         minute = int((planned - T0) / MINUTE)

@@ -22,7 +22,7 @@ from monitor.visit import Finding as VisitFinding
 from pipelines import AlarmState, Change, Event, Frames, Grid, Instant, Measurement, Motion, Scan, as_datetime
 from storage import Inbox, create_store, open_store, write_height_map
 
-from .stand_ins import CALIBRATION, PATTERNS, T0, FakeLedger, FakeRig, after
+from .stand_ins import CALIBRATION, PATTERNS, T0, FakeLedger, FakeRig, after, whole
 
 HOUR = 3600.0
 GRID = Grid(60, 70, 0.1, -3.0, -2.0)
@@ -128,7 +128,7 @@ class Bench:
                 self.ledger,
                 self.clock,
                 self.last,
-                work=self.work,
+                work=whole(self.work),
                 notes=False,
                 inbox=Inbox(self.path),
             )

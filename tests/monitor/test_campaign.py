@@ -17,7 +17,8 @@ import pytest
 from configs import InputError, StoreError
 from monitor.campaign import run_campaign
 from monitor.clock import AcceleratedClock
-from monitor.loop import BEGAN, ENDED, Settled
+from monitor.loop import BEGAN, ENDED
+from monitor.settled import Settled
 from monitor.standing import look
 from pipelines import instant
 from storage import Ledger, ledger_beside, open_store

@@ -20,8 +20,9 @@ import pytest
 from configs import Campaign
 from monitor.campaign import run_campaign
 from monitor.clock import AcceleratedClock
-from monitor.loop import ROOM_AGAIN, Loop, Settled
+from monitor.loop import ROOM_AGAIN, Loop, one_after_another
 from monitor.scheduler import IntervalSlots
+from monitor.settled import Settled
 from monitor.standing import look
 from monitor.visit import Epoch, Recipe, Yield
 from pipelines import Change, Event, Frames, Instant, Motion, Tick, as_datetime, instant
@@ -29,7 +30,7 @@ from storage import Ledger, LedgerWriteError, ledger_beside, open_store
 from storage.ledger import INTERRUPTED
 
 from . import campaigns
-from .stand_ins import RECIPE, T0, FakeLedger, FakeRig, FakeStore, after, work
+from .stand_ins import RECIPE, T0, FakeLedger, FakeRig, FakeStore, after, whole, work
 
 ROOT = Path(__file__).resolve().parents[2]
 NAMESPACES = (
@@ -38,6 +39,7 @@ NAMESPACES = (
 )
 
 
+@whole
 def compared(frames: Frames, recipe: Recipe, epoch: Epoch | None, planned: Instant) -> Yield:
     """As `work`, with a change where there is a baseline: such scans wait for their group."""
     given = work(frames, recipe, epoch, planned)
@@ -169,6 +171,7 @@ def _video_in(folder: Path, every_s: float) -> Campaign:
     )
 
 
+@whole
 def _with_real_change(frames: Frames, recipe: Recipe, epoch: Epoch | None, planned: Instant) -> Yield:
     given = campaigns.work(frames, recipe, epoch, planned)
     return given if epoch is None else replace(given, tick=_with_change(given, epoch))
@@ -188,7 +191,9 @@ def test_a_crash_loses_at_most_the_last_group_and_the_ledger_says_which(tmp_path
             return super().capture(patterns, at)
 
     with pytest.raises(PowerCut):
-        run_campaign(campaign, clock=clock, rig=Rig(), on_settled=told.append, work=_with_real_change)
+        run_campaign(
+            campaign, clock=clock, rig=Rig(), on_settled=told.append, work=_with_real_change, lay=one_after_another
+        )
     assert [settled.number for settled in told] == list(range(6)), "five seconds' scans are one commit"
     clock.advance(60)
     run_campaign(campaign, clock=clock, rig=campaigns.Rig(), max_scans=1, work=_with_real_change)

@@ -25,7 +25,7 @@ from monitor.scheduler import IntervalSlots
 from pipelines import Instant, Measurement
 from storage import create_store, open_store
 
-from .stand_ins import T0, FakeLedger, FakeRig, after
+from .stand_ins import T0, FakeLedger, FakeRig, after, whole
 from .test_alarms import RECIPE, SMALL, Bench, scan_at
 
 BOTH = {"temperature_c": "t", "humidity_percent": "air.rh"}
@@ -195,7 +195,7 @@ def test_readings_are_kept_with_every_scan_the_baseline_too(tmp_path: Path) -> N
             FakeLedger(),
             AcceleratedClock(T0),
             T0 - np.timedelta64(1, "ns"),
-            work=bench.work,
+            work=whole(bench.work),
             reading=Reading(SETTINGS, Script([20.0, None, 22.0])),
         )
         loop.run(3)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +19,7 @@ from configs import AutoExposure, Campaign
 from monitor.campaign import run_campaign
 from monitor.cli import run_tokens
 from monitor.clock import AcceleratedClock
-from monitor.health_log import Health, HealthLog, health_file, lamp_trends
+from monitor.health_log import Health, HealthLog, Promptness, health_file, lamp_trends, promptness
 from monitor.vital_signs import VitalSigns, next_exposure, vital_signs
 from pipelines import Frames, PatternSet, instant
 
@@ -138,6 +140,22 @@ def test_without_a_run_it_says_how_it_comes(tmp_path: Path, capsys: pytest.Captu
         YAML().dump(settings(), file)
     assert run_tokens(["health", str(tmp_path / "site.yaml")]) == 2
     assert "`microrelief run` keeps it with each visit" in capsys.readouterr().err
+
+
+def test_a_log_of_an_older_version_goes_on_and_counts_what_is_dropped(tmp_path: Path) -> None:
+    file = tmp_path / "old.sqlite"
+    with closing(sqlite3.connect(file)) as data, data:
+        data.execute("CREATE TABLE health (planned INTEGER PRIMARY KEY, state TEXT, lag_s REAL, capture_s REAL)")
+        data.execute("INSERT INTO health VALUES (1, 'taken', 0.5, NULL)")
+    log = HealthLog(file)
+    (old,) = log.newest(9)
+    assert (old.lag_s, old.dropped, math.isnan(old.latency_s)) == (0.5, 0, True)
+    log.add(Health(2, "taken", 0.1, latency_s=0.7))
+    log.add_dropped(2)
+    log.add_dropped(1)
+    assert [each.dropped for each in log.newest(9)] == [0, 3]
+    assert promptness(log.newest(9)) == Promptness(0.1, 0.7, 3, 2)
+    assert promptness(()) is None
 
 
 def test_a_lamp_that_ages_shows_through_changes_of_the_exposure() -> None:

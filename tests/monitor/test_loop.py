@@ -13,11 +13,12 @@ from hypothesis import strategies as st
 
 from configs import CaptureError, DeviceUnavailable
 from monitor.clock import AcceleratedClock
-from monitor.loop import Loop, Outcome, Settled
+from monitor.loop import Loop
 from monitor.scheduler import IntervalSlots, Slots
+from monitor.settled import Outcome, Settled
 from pipelines import Instant
 
-from .stand_ins import RECIPE, T0, FakeLedger, FakeRig, FakeStore, after, work
+from .stand_ins import RECIPE, T0, FakeLedger, FakeRig, FakeStore, after, whole, work
 
 HOUR = 3600.0
 
@@ -123,7 +124,7 @@ def test_frames_that_cannot_be_worked_out_are_rejected() -> None:
     def undecodable(frames: Any, recipe: Any, epoch: Any, planned: Instant) -> Any:
         raise ValueError("frames of another rig")
 
-    bench.loop.work = undecodable
+    bench.loop.work = whole(undecodable)
     assert bench.run().rejected == 6
     assert set(bench.ledger.states()) == {"rejected"}
 

@@ -29,6 +29,7 @@ from storage import open_store
 
 from . import campaigns
 from .campaigns import BASE, Rig, campaign_in
+from .stand_ins import whole
 
 T0 = instant(BASE)
 HOUR = np.timedelta64(3600 * 10**9, "ns")
@@ -95,6 +96,7 @@ def run(folder: Path, story: str, at_h: int = 0, **keys: Any) -> None:
     def visit(at: Instant) -> int:
         return int((at - T0) / HOUR) - at_h
 
+    @whole
     def work(frames: Frames, recipe: Recipe, epoch: Epoch | None, planned: Instant) -> Yield:
         letter = story[visit(planned)]
         if letter == "x":

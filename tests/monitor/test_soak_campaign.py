@@ -21,7 +21,7 @@ import pytest
 from configs import DeviceUnavailable
 from monitor.campaign import run_campaign
 from monitor.clock import AcceleratedClock
-from monitor.loop import Settled
+from monitor.settled import Settled
 from monitor.standing import look
 from pipelines import Frames, Instant, instant
 from storage import Ledger, ledger_beside, open_store

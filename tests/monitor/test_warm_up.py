@@ -10,14 +10,15 @@ import pytest
 from configs import Campaign, CaptureError
 from monitor.campaign import run_campaign
 from monitor.clock import AcceleratedClock
-from monitor.loop import Outcome, Settled
 from monitor.rigs import RIGS
+from monitor.settled import Outcome, Settled
 from monitor.visit import Epoch, Recipe, Yield
 from pipelines import Frames, Instant, PatternSet, format_instant, instant
 from storage import open_store, write_capture
 
 from . import campaigns
 from .campaigns import BASE, campaign_in
+from .stand_ins import whole
 
 T0 = instant(BASE)
 PATTERNS = PatternSet("gray", (16, 16), bits=(2, 2))
@@ -74,7 +75,7 @@ class Watched:
             on_wait=lambda slot: self.said.append("waiting"),
             on_stage=self.said.append,
             max_scans=visits,
-            work=self.work,
+            work=whole(self.work),
             now=now,
         )
 

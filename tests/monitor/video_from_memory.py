@@ -9,7 +9,7 @@ from pathlib import Path
 from configs import Campaign
 from monitor.campaign import run_campaign
 from monitor.clock import Clock
-from monitor.loop import Outcome, Settled
+from monitor.settled import Outcome, Settled
 from pipelines import Calibration, Frames, Instant, PatternSet
 
 __all__ = ["MemoryRig", "record", "video_campaign"]

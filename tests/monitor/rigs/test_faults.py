@@ -14,8 +14,8 @@ from configs import Campaign
 from monitor.campaign import run_campaign
 from monitor.cli import run_tokens
 from monitor.clock import AcceleratedClock
-from monitor.loop import Settled
 from monitor.rigs.faults import FAULTS
+from monitor.settled import Settled
 from pipelines import instant
 from storage import Ledger, ledger_beside, open_store
 from tests.monitor.campaigns import BASE, HOLDER
