@@ -29,6 +29,7 @@ from .layout import (
 )
 from .ledger import Ledger, ledger_beside
 from .location import BRANCH, location_of
+from .packing import Packing
 from .raw_frames import FRAMES, LET_GO, lay_out_frames
 from .repository import create_repository, open_repository, reason, root_of, short
 from .stores import open_store
@@ -139,7 +140,7 @@ def _copy_newest(reader: IcechunkStore, target: Path, progress: Progress) -> Non
     if about.noise is not None:
         attributes[NOISE] = about.noise.to_json()
     new = zarr.create_group(session.store, attributes=attributes)
-    lay_out(new, grid, str(old["scans/height"].dtype), metrics_of(old["metrics"]))
+    lay_out(new, grid, Packing.of(old["scans/height"]), metrics_of(old["metrics"]))
     for kind, group in old["raw"].groups() if "raw" in old else ():
         name = next(name for name in FRAMES if name in group)
         frames, raw = group[name], new.require_group("raw")
