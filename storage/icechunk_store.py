@@ -12,6 +12,7 @@ import numpy as np
 from configs import StoreError
 from pipelines import Calibration, Event, Frames, Grid, Instant, Tick, format_instant, parse_instant
 
+from .allocator import give_back
 from .layout import (
     CELLS_OF_CHANGE,
     CELLS_OF_SCAN,
@@ -49,6 +50,9 @@ if TYPE_CHECKING:
 
 __all__ = ["IcechunkStore"]
 
+GIVE_BACK_EVERY = 128
+"""Commits between two returns of freed memory: each takes some milliseconds."""
+
 
 class IcechunkStore:
     """A store on a disk or on S3. Made by `create_store` and `open_store`.
@@ -62,6 +66,7 @@ class IcechunkStore:
         self._location = location
         self._lock = lock
         self._known: Known = {}
+        self._commits = 0
         self._repository = open_repository(location)
         if past is None:
             snapshot, lost = newest_whole(self._repository, location, self._probe)
@@ -306,6 +311,9 @@ class IcechunkStore:
                 raise
             raise StoreError(f"{self._location}: {message} was not stored: {reason(error)}") from error
         self._attach(snapshot, known)
+        self._commits += 1
+        if self._commits % GIVE_BACK_EVERY == 0:
+            give_back()
 
     def _write(self, root: Any, known: Known, tick: Tick, where: Place) -> None:
         write_rows(root.store, rows_of_tick(root, tick, where, self._packing, self._about.metrics), known)

@@ -93,9 +93,17 @@ def test_care_of_a_store_at_a_url(s3_prefix: str, tmp_path: Path) -> None:
     assert len(open_store(url, snapshot=first)) == 0, "what a report cites is kept"
     assert copy_store(url, tmp_path / "copy") == 5
     np.testing.assert_array_equal(open_store(tmp_path / "copy")[4].scan.texture, surface(4).texture)
-    for source, target, history in ((url, f"{s3_prefix}/copy", False), (url, tmp_path / "whole", True)):
-        with pytest.raises(StoreError, match=r"a copy goes to a folder|history cannot be copied"):
-            copy_store(source, target, history=history)
+    assert copy_store(url, tmp_path / "whole", history=True) == 5
+    assert len(open_store(tmp_path / "whole", snapshot=first)) == 0
+    back = f"{s3_prefix}/back"
+    assert copy_store(tmp_path / "copy", back) == 5
+    np.testing.assert_array_equal(open_store(back)[4].scan.texture, surface(4).texture)
+    for copied in (tmp_path / "whole", back):
+        assert not verify(copied).damaged
+    with pytest.raises(StoreError, match="exists already"):
+        copy_store(tmp_path / "copy", back)
+    with pytest.raises(StoreError, match="a copy with its history goes to a folder"):
+        copy_store(url, f"{s3_prefix}/other", history=True)
 
 
 def test_credentials_are_in_no_object_and_no_pickle(s3_prefix: str, monkeypatch: pytest.MonkeyPatch) -> None:
