@@ -93,7 +93,12 @@ def verify(path: str | Path, progress: Progress = lambda done, total: None) -> V
     assert isinstance(store, IcechunkStore)
     root = root_of(store.session)
     found: list[Finding] = [
-        Finding("damaged", "store", event.text, "the next `microrelief run` goes on from there; check the disk")
+        Finding(
+            "damaged",
+            "store",
+            event.text.removeprefix("store: "),
+            "the next `microrelief run` goes on from there; check the disk",
+        )
         for event in store.events
         if event in store.lost_now
     ]
@@ -139,13 +144,7 @@ def _read(name: str, array: Any) -> Iterator[Finding]:
                     end = min(start + chunk, last) - 1
                     what = array.metadata.dimension_names[0] or "row"
                     rows = f"{what} {start}" if start == end else f"{what} {start} to {end}"
-                    yield Finding("damaged", f"{name}, {rows}", _why(error), "restore that file from a copy")
-
-
-def _why(error: BaseException) -> str:
-    """Say what is wrong with a chunk: the codec's own words are of bytes and objects."""
-    text = short(error)
-    return "its checksum does not match" if "checksum" in text.lower() else text
+                    yield Finding("damaged", f"{name}, {rows}", short(error), "restore that file from a copy")
 
 
 def _schema(root: Any) -> Iterator[Finding]:

@@ -26,8 +26,6 @@ from storage.rows import Known, Rows, write_rows
 
 START = np.datetime64("2026-01-01T00:00:00", "ns")
 METRICS = dict.fromkeys(("net", "gained", "lost", "area", "length", "opening", "lift"), "mm")
-WARM, LATE, SPAN = 10, 300, 9
-"""Scan numbers whose commits are compared, and how many of them around each."""
 
 
 def make_tick(grid: Grid, number: int, rng: np.random.Generator, base: np.ndarray) -> Tick:
@@ -81,27 +79,6 @@ def scratch() -> Iterator[Path]:
 def size_of(folder: Path) -> int:
     """Bytes in all files of a folder."""
     return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
-
-
-def commit_costs(cells: int, scans: int) -> list[tuple[float, int]]:
-    """Append `scans` scans of `cells` x `cells`; give seconds and bytes of each commit."""
-    grid = Grid(cells, cells, 0.02)
-    rng = np.random.default_rng(1)
-    base = relief(grid)
-    costs = []
-    with scratch() as folder:
-        store = create_store(folder / "s", site="bench", grid=grid, metrics=METRICS)
-        before = size_of(folder / "s")
-        for number in range(scans):
-            tick = make_tick(grid, number, rng, base)
-            began = perf_counter()
-            store.append(tick)
-            took = perf_counter() - began
-            after = size_of(folder / "s")
-            costs.append((took, after - before))
-            before = after
-        store.close()
-    return costs
 
 
 def append_against_floor(cells: int, repeats: int = 9) -> tuple[float, float, float, float]:
@@ -269,12 +246,6 @@ def history_cost(scans: int = 1000) -> tuple[float, float]:
     return min(times), min(floors)
 
 
-def around(costs: list[tuple[float, int]], number: int) -> tuple[float, float]:
-    """Medians of seconds and bytes over the `SPAN` commits around `number`."""
-    near = costs[number - SPAN // 2 : number + SPAN // 2 + 1]
-    return median(seconds for seconds, _ in near), median(size for _, size in near)
-
-
 def main() -> None:
     """Print the table."""
     print("store: one tick (scan, change, 7 metrics) as one durable transaction")
@@ -285,12 +256,8 @@ def main() -> None:
             f"{cells:>5} x {cells:<4} {append * 1e3:6.0f} ms {floor * 1e3:6.0f} ms {append / floor:6.1f} "
             f"{read * 1e3:5.0f} ms {size / 1e6:6.2f} MB {8 * size / cells**2:12.1f}"
         )
-    costs = commit_costs(200, LATE + SPAN)
-    for number in (WARM, LATE):
-        seconds, size = around(costs, number)
-        print(f"  200 x 200  commit at scan {number:>3}: {seconds * 1e3:4.0f} ms, {size / 1e3:4.0f} kB")
     print("floor: the same cells, packed alike, in one npz, synced")
-    growth(WARM, 10_000, tell=lambda line: print(f"  20 x 30   {line}"))
+    growth(10, 10_000, tell=lambda line: print(f"  20 x 30   {line}"))
     took, floor = history_cost()
     print(
         f"  1440 x 2560  history of 8x8 cells over 1,000 scans: {took * 1e3:.0f} ms; "

@@ -14,17 +14,7 @@ from pipelines import Grid
 from storage import create_store, open_store
 from storage.icechunk_store import GIVE_BACK_EVERY
 
-from ..benchmarks.bench_store import LATE, METRICS, SPAN, WARM, around, commit_costs, growth, make_tick, memory, relief
-
-
-@pytest.mark.soak
-def test_a_commit_costs_the_same_at_scan_300_as_at_scan_10() -> None:
-    costs = commit_costs(200, LATE + SPAN)
-    (early_s, early_bytes), (late_s, late_bytes) = around(costs, WARM), around(costs, LATE)
-    print(f"\nscan {WARM}: {early_s * 1e3:.0f} ms, {early_bytes / 1e3:.0f} kB;", end=" ")
-    print(f"scan {LATE}: {late_s * 1e3:.0f} ms, {late_bytes / 1e3:.0f} kB")
-    assert late_bytes < 1.15 * early_bytes
-    assert late_s < 2 * early_s, "measured on a machine that may do other things meanwhile"
+from ..benchmarks.bench_store import METRICS, growth, make_tick, memory, relief
 
 
 @pytest.mark.soak
