@@ -11,6 +11,7 @@ from .inbox import Inbox
 from .ledger import Ledger, LedgerAddress, LedgerRow, LedgerWriteError, SlotState, ledger_beside
 from .location import store_exists, writer_of
 from .network import network_file_system
+from .packing import Packing, fitting_packing
 from .past import Snapshot, snapshots
 from .pattern_file import read_patterns, write_patterns
 from .point_file import holds_points, read_points
@@ -34,6 +35,7 @@ __all__ = [
     "LedgerAddress",
     "LedgerRow",
     "LedgerWriteError",
+    "Packing",
     "Rework",
     "Room",
     "ScanTable",
@@ -56,6 +58,7 @@ __all__ = [
     "engine",
     "expire",
     "find_scan",
+    "fitting_packing",
     "full_at",
     "holds_points",
     "ledger_beside",

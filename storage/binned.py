@@ -10,7 +10,7 @@ import numpy.typing as npt
 from pipelines import Tick
 
 from .layout import FOLD
-from .packing import fill_of, pack_bins
+from .packing import Packing
 from .rows import Rows, row
 
 __all__ = ["read_bins", "rows_of_bins"]
@@ -30,8 +30,9 @@ def rows_of_bins(group: Any, number: int, tick: Tick) -> list[Rows]:
     rows = [row("binned/time", number, tick.scan.time.astype(np.int64))]
     for name, values in (("height", tick.scan.height), ("dz", None if change is None else change.dz)):
         tail = group[f"{name}_tail"]
-        kind = str(tail.dtype)
-        fresh = np.full(tail.shape[1:], fill_of(kind), kind) if values is None else pack_bins(values, kind, name)
+        packing = Packing.of(tail)
+        nothing = np.full(tail.shape[1:], packing.fill, packing.kind)
+        fresh = nothing if values is None else packing.pack_bins(values, name)
         if slot < FOLD - 1:
             rows.append(row(f"binned/{name}_tail", slot, fresh))
         else:

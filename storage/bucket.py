@@ -84,6 +84,13 @@ class Bucket:
         """Give the name and the bytes of every object."""
         return self._objects.below(f"{self._prefix}/")
 
+    def read(self, name: str) -> bytes:
+        """Give what is in an object."""
+        found = self._objects.get(f"{self._prefix}/{name}")
+        if found is None:
+            raise FileNotFoundError(f"{self}/{name}: there is no such object")
+        return found.data
+
     def free(self) -> int | None:
         """None: as much as is paid for."""
         return None

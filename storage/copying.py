@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -14,7 +11,6 @@ import numpy as np
 
 from configs import StoreError
 
-from .durable import sync_file_system
 from .folder import Folder
 from .icechunk_store import IcechunkStore
 from .layout import (
@@ -28,7 +24,8 @@ from .layout import (
     split_sizes,
 )
 from .ledger import Ledger, ledger_beside
-from .location import BRANCH, location_of
+from .location import BRANCH, Location, location_of
+from .packing import Packing
 from .raw_frames import FRAMES, LET_GO, lay_out_frames
 from .repository import create_repository, open_repository, reason, root_of, short
 from .stores import open_store
@@ -37,6 +34,7 @@ from .wholeness import faults
 __all__ = ["copy_store"]
 
 BLOCK_BYTES = 64e6
+MAKING = "copying"
 Progress = Callable[[int, int], None]
 
 
@@ -47,12 +45,12 @@ def copy_store(
 
     Without `history`: what the newest snapshot holds, read (checksums are checked) and written anew; this also brings
     a store of an older schema to the present one. With it: every snapshot and tag, file by file, as they are. The
-    rows of the ledger go along. The copy appears whole, on the disk, or not at all.
+    rows of the ledger go along. The copy appears whole and durable, or not at all.
 
     Parameters
     ----------
     source, target : str or Path
-        `source` may be on S3 where its history is not asked for. `target` must not exist, or be an empty folder.
+        Folders, or ``s3://bucket/prefix``; of `target` with history a folder. `target` must not exist, or be empty.
     history : bool
     progress : callable
         Called with (arrays or files done, in all).
@@ -62,16 +60,25 @@ def copy_store(
     StoreError
         If there is no store, it is damaged, or `target` cannot be made or has not room for it.
     """
-    target = _folder_of(target, "a copy goes to a folder: give one")
-    files = _folder_of(source, "its history cannot be copied: copy without it") if history else None
-    reader = open_store(source)
+    reader, place = open_store(source), location_of(target)
     assert isinstance(reader, IcechunkStore)
-    with _made(target) as making:
-        if files is not None:
-            _copy_files(files, making, progress)
+    if history and not isinstance(place, Folder):
+        raise StoreError(f"{place}: a copy with its history goes to a folder: give one, or copy without it")
+
+    def fill(making: Location) -> None:
+        if isinstance(making, Folder) and history:
+            _copy_files(reader.location, making.path, progress)
         else:
             _copy_newest(reader, making, progress)
-        sync_file_system(making)
+        making.sync()
+
+    try:
+        place.make(fill).release()
+    except StoreError:
+        raise
+    except faults() as error:
+        raise StoreError(f"{target}: not copied: {reason(error)}") from None
+    place.sync()
     copied = open_store(target)
     if not history and len(copied) != len(reader):
         raise StoreError(f"{target}: holds {len(copied)} scans of {len(reader)}: remove it and copy again")
@@ -79,59 +86,31 @@ def copy_store(
     return len(copied)
 
 
-def _folder_of(store: str | Path, refusal: str) -> Path:
-    location = location_of(store)
-    if not isinstance(location, Folder):
-        raise StoreError(f"{location}: {refusal}")
-    return location.path
-
-
-@contextmanager
-def _made(target: Path) -> Iterator[Path]:
-    """Give a folder beside `target` that takes its place at the end."""
-    if target.exists() and (not target.is_dir() or any(target.iterdir())):
-        raise StoreError(f"{target}: exists already: name another place for the copy")
-
-    making = target.with_name(f".{target.name}.copying-{os.getpid()}")
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        making.mkdir()
-    except OSError as error:
-        raise StoreError(f"{target}: cannot be made: {error.strerror}") from None
-    try:
-        yield making
-        making.rename(target)
-        sync_file_system(target.parent)
-    except StoreError:
-        raise
-    except faults() as error:
-        raise StoreError(f"{target}: not copied: {reason(error)}") from None
-    finally:
-        shutil.rmtree(making, ignore_errors=True)
-
-
-def _copy_files(source: Path, target: Path, progress: Progress) -> None:
+def _copy_files(source: Location, target: Path, progress: Progress) -> None:
     """Copy objects, which never change, after the references, which do, were read: these then name what is there."""
-    references = {path.relative_to(source): path.read_bytes() for path in (source / "refs").rglob("*.json")}
-    kinds = ("chunks", "manifests", "snapshots", "transactions")
-    files = [path for kind in kinds for path in (source / kind).glob("*") if path.is_file()]
-    files += [path for path in (source / "config.yaml",) if path.exists()]
-    for done, path in enumerate(files):
-        copy = target / path.relative_to(source)
-        copy.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy2(path, copy)
-        progress(done + 1, len(files))
+    references = {name: source.read(name) for name, _ in source.sizes() if name.endswith("ref.json")}
+    kinds = ("chunks/", "manifests/", "snapshots/", "transactions/", "config.yaml")
+    names = [name for name, _ in source.sizes() if name.startswith(kinds)]
+    for done, name in enumerate(names):
+        (target / name).parent.mkdir(parents=True, exist_ok=True)
+        (target / name).write_bytes(source.read(name))
+        progress(done + 1, len(names))
     for name, content in references.items():
         (target / name).parent.mkdir(parents=True, exist_ok=True)
         (target / name).write_bytes(content)
     open_repository(Folder(target)).lookup_branch(BRANCH)
 
 
-def _copy_newest(reader: IcechunkStore, target: Path, progress: Progress) -> None:
+def _copy_newest(reader: IcechunkStore, target: Location, progress: Progress) -> None:
+    """Write on a branch, which becomes the store at the end: what was left half done is no store."""
     old, about = root_of(reader.session), reader.about
     grid = grid_of(old.attrs)
-    repository = create_repository(Folder(target), split_sizes(grid), (*CELLS_OF_SCAN, *CELLS_OF_CHANGE, *FRAMES))
-    session = repository.writable_session(BRANCH)
+    repository = create_repository(target, split_sizes(grid), (*CELLS_OF_SCAN, *CELLS_OF_CHANGE, *FRAMES))
+    empty = repository.lookup_branch(BRANCH)
+    if MAKING in repository.list_branches():
+        repository.delete_branch(MAKING)
+    repository.create_branch(MAKING, empty)
+    session = repository.writable_session(MAKING)
     created = str(old.attrs["created"])
     import zarr
 
@@ -139,7 +118,7 @@ def _copy_newest(reader: IcechunkStore, target: Path, progress: Progress) -> Non
     if about.noise is not None:
         attributes[NOISE] = about.noise.to_json()
     new = zarr.create_group(session.store, attributes=attributes)
-    lay_out(new, grid, str(old["scans/height"].dtype), metrics_of(old["metrics"]))
+    lay_out(new, grid, Packing.of(old["scans/height"]), metrics_of(old["metrics"]))
     for kind, group in old["raw"].groups() if "raw" in old else ():
         name = next(name for name in FRAMES if name in group)
         frames, raw = group[name], new.require_group("raw")
@@ -151,8 +130,11 @@ def _copy_newest(reader: IcechunkStore, target: Path, progress: Progress) -> Non
         if not name.endswith(("/x", "/y")):
             _copy_rows(repository, old[name], name, about.location)
         progress(done + 1, len(names))
-    tip = repository.lookup_snapshot(repository.lookup_branch(BRANCH)).written_at
-    repository.expire_snapshots(tip)  # the half-filled ones on the way are nobody's history
+    tip = repository.lookup_branch(MAKING)
+    target.advance(repository, empty, tip)
+    repository.delete_branch(MAKING)
+    # the half-filled ones on the way are nobody's history
+    repository.expire_snapshots(repository.lookup_snapshot(tip).written_at)
     repository.garbage_collect(datetime.now(UTC))
 
 
@@ -168,7 +150,7 @@ def _copy_rows(repository: Any, old: Any, name: str, about: str) -> None:
         except faults() as error:
             what = f"{name}, rows {first} to {last - 1}, cannot be read: {short(error)}"
             raise StoreError(f"{about}: {what}; `microrelief verify` says more") from None
-        session = repository.writable_session(BRANCH)
+        session = repository.writable_session(MAKING)
         new: Any = root_of(session, "r+")[name]
         if new.shape[0] < last:
             new.resize((last, *new.shape[1:]))
@@ -177,7 +159,7 @@ def _copy_rows(repository: Any, old: Any, name: str, about: str) -> None:
             session.commit(f"{name}, rows {first} to {last - 1}")
 
 
-def _copy_ledger(source: str | Path, target: Path, scans: int) -> None:
+def _copy_ledger(source: str | Path, target: str | Path, scans: int) -> None:
     """Copy how slots ended, up to the copy's newest scan."""
     if not ledger_beside(source).exists():
         return

@@ -101,6 +101,10 @@ class Folder:
                 with suppress(OSError):  # renamed or removed a moment ago
                     yield file.relative_to(self.path).as_posix(), file.stat().st_size
 
+    def read(self, name: str) -> bytes:
+        """Give what is in a file."""
+        return (self.path / name).read_bytes()
+
     def free(self) -> int | None:
         """Give the bytes free on its disk."""
         return shutil.disk_usage(self.path).free

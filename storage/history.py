@@ -14,7 +14,7 @@ from pipelines import Grid, Instant, format_instant
 from .binned import Indices, read_bins
 from .icechunk_store import IcechunkStore
 from .layout import FOLD
-from .packing import BIN, pack_bins, unpack_heights
+from .packing import BIN, Packing
 from .store import Store
 
 if TYPE_CHECKING:
@@ -79,8 +79,8 @@ def cell_history(store: Store, x_mm: float, y_mm: float, name: Quantity = "heigh
     Returns
     -------
     xarray.DataArray, shape (time,)
-        float32 mm in steps of 0.5 um; NaN where nothing was measured. Coordinates ``x`` and ``y`` are the middle of
-        the 8x8 cells.
+        float32 mm in the store's steps, of 0.5 um as a rule; NaN where nothing was measured. Coordinates ``x`` and
+        ``y`` are the middle of the 8x8 cells.
 
     Raises
     ------
@@ -144,15 +144,16 @@ def coarse_maps(
             change = stored.change
             cells = stored.scan.height if name == "height" else change.dz if change is not None else None
             if cells is not None:
-                yield number, unpack_heights(pack_bins(np.asarray(cells, np.float32), "int32", name))
+                packing = Packing("int32")
+                yield number, packing.unpack(packing.pack_bins(np.asarray(cells, np.float32), name))
         return
     folded, tail = store.binned[name], store.binned[f"{name}_tail"]
-    length = folded.shape[0]
+    packing, length = Packing.of(folded), folded.shape[0]
     for start in sorted({number // FOLD * FOLD for number in numbers}):
         block = folded[start : start + FOLD] if start < length else tail[:]
         for number in numbers:
             if start <= number < start + FOLD:
-                yield number, unpack_heights(block[number - start])
+                yield number, packing.unpack(block[number - start])
 
 
 def _history(store: Store, x: npt.NDArray[np.float64], y: npt.NDArray[np.float64], name: Quantity) -> xr.DataArray:
@@ -164,11 +165,13 @@ def _history(store: Store, x: npt.NDArray[np.float64], y: npt.NDArray[np.float64
     rows, columns = _bin(y, grid.y0_mm, grid, 0, "y"), _bin(x, grid.x0_mm, grid, 1, "x")
     if isinstance(store, IcechunkStore):
         times, packed = store.binned["time"][:].astype("datetime64[ns]"), read_bins(store.binned, name, rows, columns)
+        packing = Packing.of(store.binned[name])
     else:
-        times, packed = _averaged(store, rows, columns, name)
+        packing = Packing("int32")
+        times, packed = _averaged(store, rows, columns, name, packing)
     middle = (BIN - 1) / 2
     return xr.DataArray(
-        unpack_heights(packed),
+        packing.unpack(packed),
         dims=("time", "point"),
         coords={
             "time": times,
@@ -180,10 +183,10 @@ def _history(store: Store, x: npt.NDArray[np.float64], y: npt.NDArray[np.float64
     )
 
 
-def _averaged(store: Store, rows: Indices, columns: Indices, name: Quantity) -> tuple[Any, Any]:
+def _averaged(store: Store, rows: Indices, columns: Indices, name: Quantity, packing: Packing) -> tuple[Any, Any]:
     """Average scan by scan what a store without coarse histories holds."""
     window = store.window()
-    packed = [pack_bins(np.asarray(cells, np.float32), "int32", name)[rows, columns] for cells in window[name].values]
+    packed = [packing.pack_bins(np.asarray(cells, np.float32), name)[rows, columns] for cells in window[name].values]
     return window["time"].values, np.array(packed, dtype=np.int32).reshape(-1, len(rows))
 
 

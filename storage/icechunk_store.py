@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from configs import StoreError
 from pipelines import Calibration, Event, Frames, Grid, Instant, Tick, format_instant, parse_instant
 
+from .allocator import give_back
 from .layout import (
     CELLS_OF_CHANGE,
     CELLS_OF_SCAN,
@@ -26,7 +27,7 @@ from .layout import (
 )
 from .location import BRANCH, Location, Lock
 from .order import Place, Tail, described, place_all
-from .packing import HeightType
+from .packing import Packing
 from .raw_frames import FRAMES, read_frames
 from .records import (
     read_change,
@@ -49,6 +50,9 @@ if TYPE_CHECKING:
 
 __all__ = ["IcechunkStore"]
 
+GIVE_BACK_EVERY = 128
+"""Commits between two returns of freed memory: each takes some milliseconds."""
+
 
 class IcechunkStore:
     """A store on a disk or on S3. Made by `create_store` and `open_store`.
@@ -62,6 +66,7 @@ class IcechunkStore:
         self._location = location
         self._lock = lock
         self._known: Known = {}
+        self._commits = 0
         self._repository = open_repository(location)
         if past is None:
             snapshot, lost = newest_whole(self._repository, location, self._probe)
@@ -69,7 +74,7 @@ class IcechunkStore:
             snapshot, lost = past(self._repository, location), ""
             check_whole(self._repository, location, snapshot, self._probe)
         self._attach(snapshot, self._known)  # which `_probe` learnt
-        self._about, self._height_type, self._tail = self._load()
+        self._about, self._packing, self._tail = self._load()
         self._lost: tuple[Event, ...] = ()
         if lost:
             created = parse_instant(self._root.attrs["created"])
@@ -90,7 +95,7 @@ class IcechunkStore:
         metrics: Mapping[str, str],
         software: str,
         created: Instant,
-        height_type: HeightType,
+        packing: Packing,
     ) -> IcechunkStore:
         """Make a store at `location`, where there must be nothing, and hold its lock."""
         import icechunk
@@ -100,7 +105,7 @@ class IcechunkStore:
             repository = create_repository(making, split_sizes(grid), (*CELLS_OF_SCAN, *CELLS_OF_CHANGE, *FRAMES))
             session = repository.writable_session(BRANCH)
             attributes = root_attributes(site, grid, campaign, campaign_hash, software, format_instant(created))
-            lay_out(zarr.create_group(session.store, attributes=attributes), grid, height_type, metrics)
+            lay_out(zarr.create_group(session.store, attributes=attributes), grid, packing, metrics)
             making.publish(repository, session, "store created", {})
 
         lock = None
@@ -225,11 +230,11 @@ class IcechunkStore:
 
         def adopt(snapshot: str) -> None:
             self._attach(snapshot, {})
-            self._about, self._height_type, self._tail = self._load()
+            self._about, self._packing, self._tail = self._load()
 
         units = {**self._about.metrics, **metrics}
         grid = grid_of(self._root.attrs)
-        about = (self._repository, self._location, self._snapshot, key, grid, self._height_type, units, first)
+        about = (self._repository, self._location, self._snapshot, key, grid, self._packing, units, first)
         return Rework(*about, check=self._writing, adopt=adopt)
 
     @property
@@ -280,8 +285,8 @@ class IcechunkStore:
             epoch=int(found["epoch"]),
             baseline=int(found["baseline"]),
             planned=np.datetime64(int(found["planned"]), "ns"),
-            scan=read_scan(store, number, grid, self._known),
-            change=read_change(store, number, grid, self._known),
+            scan=read_scan(store, number, grid, self._packing, self._known),
+            change=read_change(store, number, grid, self._packing, self._known),
             alarms=json.loads(str(found["alarms"])),
         )
 
@@ -306,9 +311,12 @@ class IcechunkStore:
                 raise
             raise StoreError(f"{self._location}: {message} was not stored: {reason(error)}") from error
         self._attach(snapshot, known)
+        self._commits += 1
+        if self._commits % GIVE_BACK_EVERY == 0:
+            give_back()
 
     def _write(self, root: Any, known: Known, tick: Tick, where: Place) -> None:
-        write_rows(root.store, rows_of_tick(root, tick, where, self._height_type, self._about.metrics), known)
+        write_rows(root.store, rows_of_tick(root, tick, where, self._packing, self._about.metrics), known)
 
     def _add_metrics(self, new: dict[str, str]) -> None:
         def write(root: Any, _: Known) -> None:
@@ -316,7 +324,7 @@ class IcechunkStore:
                 add_metric(root["metrics"], name, unit)
 
         self._commit(write, f"metrics added: {', '.join(new)}", {})
-        self._about, self._height_type, self._tail = self._load()
+        self._about, self._packing, self._tail = self._load()
 
     def _go_back(self) -> None:
         """Make the newest whole snapshot the newest one, and keep the event that says so."""
@@ -363,9 +371,10 @@ class IcechunkStore:
             self._opened = root_of(self._session)
         return self._opened
 
-    def _load(self) -> tuple[About, HeightType, Tail]:
+    def _load(self) -> tuple[About, Packing, Tail]:
         """Read the store's facts, how it packs heights, and its tail."""
-        attributes = dict(self._root.attrs)
+        attributes, height = dict(self._root.attrs), self._root["scans/height"]
+        packing = Packing.of(height)
         about = About(
             location=str(self._location),
             site=attributes["site"],
@@ -376,6 +385,6 @@ class IcechunkStore:
             schema=attributes["microrelief_schema"],
             snapshot="",
             metrics=metrics_of(self._root["metrics"]),
+            step_mm=packing.step_mm,
         )
-        height = self._root["scans/height"]
-        return about, cast(HeightType, str(height.dtype)), tail_of(self._session.store, height.shape[0], self._known)
+        return about, packing, tail_of(self._session.store, height.shape[0], self._known)

@@ -70,6 +70,10 @@ class Location(Protocol):
         """Give the name below here and the bytes of every file or object."""
         ...
 
+    def read(self, name: str) -> bytes:
+        """Give what is in a file or object, by its name below here. Raises OSError where there is none."""
+        ...
+
     def free(self) -> int | None:
         """Give the bytes that are free here; None where nothing limits them."""
         ...

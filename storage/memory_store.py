@@ -14,7 +14,7 @@ from pipelines.change import NoiseModel
 
 from .layout import SCHEMA
 from .order import Place, Tail, place_all
-from .packing import HeightType, pack_heights
+from .packing import Packing
 from .series import frame_of
 from .store import About, Stored
 
@@ -39,12 +39,12 @@ class MemoryStore:
         metrics: Mapping[str, str],
         software: str = "",
         created: Instant,
-        height_type: HeightType = "int16",
+        packing: Packing,
     ) -> None:
         self._facts = (f"memory:{path}", site, grid, campaign, campaign_hash, software)
         self._metrics = dict(metrics)
         self._created = created
-        self._height_type = height_type
+        self._packing = packing
         self._tail = Tail()
         self._grid = grid
         self._scans: list[Stored] = []
@@ -67,9 +67,9 @@ class MemoryStore:
         places = place_all(self._tail, ticks, self._grid, self._metrics)
         for tick in ticks:
             if tick.scan is not None:
-                pack_heights(tick.scan.height, self._height_type, "height")
+                self._packing.pack(tick.scan.height, "height")
             if tick.change is not None:
-                pack_heights(tick.change.dz, self._height_type, "change")
+                self._packing.pack(tick.change.dz, "change")
         for tick, where in zip(ticks, places, strict=True):
             self._keep(tick, where)
         self._commits += bool(ticks)
@@ -159,7 +159,7 @@ class MemoryStore:
         location, site, grid, campaign, campaign_hash, software = self._facts
         snapshot = f"{self._commits} since {format_instant(self._created)}"
         facts = (location, site, grid, campaign, campaign_hash, software, SCHEMA, snapshot)
-        return About(*facts, dict(self._metrics), self._noise)
+        return About(*facts, dict(self._metrics), self._packing.step_mm, self._noise)
 
     @property
     def events(self) -> tuple[Event, ...]:

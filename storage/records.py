@@ -13,7 +13,7 @@ from pipelines.change import Verdict
 
 from .layout import CELLS_OF_CHANGE, CELLS_OF_SCAN, NO_TIME
 from .order import Place, Tail
-from .packing import STEP_MM, pack_heights, pack_sigmas, unpack_heights
+from .packing import Packing, pack_sigmas
 from .rows import Known, Rows, read_row, row, texts
 
 __all__ = [
@@ -28,14 +28,14 @@ __all__ = [
 ]
 
 
-def rows_of_scan(where: Place, tick: Tick, height_type: str) -> list[Rows]:
+def rows_of_scan(where: Place, tick: Tick, packing: Packing) -> list[Rows]:
     """Give a scan's rows at its place."""
     scan, number = tick.scan, where.number
     assert scan is not None
     assert number is not None
     values = {
-        "height": pack_heights(scan.height, height_type, "height"),
-        "sigma": pack_sigmas(scan.sigma, STEP_MM),
+        "height": packing.pack(scan.height, "height"),
+        "sigma": pack_sigmas(scan.sigma, packing.step_mm),
         "texture": scan.texture,
         "level": scan.level,
         "time": scan.time.astype(np.int64),
@@ -49,13 +49,13 @@ def rows_of_scan(where: Place, tick: Tick, height_type: str) -> list[Rows]:
     return [row(f"scans/{name}", number, value) for name, value in values.items()]
 
 
-def read_scan(store: Any, number: int, grid: Grid, known: Known | None = None) -> Scan:
+def read_scan(store: Any, number: int, grid: Grid, packing: Packing, known: Known | None = None) -> Scan:
     """Read a scan back from a Zarr store."""
     found = read_row(store, "scans", number, ("time", *CELLS_OF_SCAN, "calibration"), known)
     return Scan(
         grid=grid,
         time=np.datetime64(int(found["time"]), "ns"),
-        height=unpack_heights(found["height"]),
+        height=packing.unpack(found["height"]),
         sigma=found["sigma"],
         texture=found["texture"],
         level=found["level"],
@@ -79,7 +79,7 @@ def tail_of(store: Any, count: int, known: Known | None = None) -> Tail:
     )
 
 
-def rows_of_change(number: int, tick: Tick, height_type: str) -> list[Rows]:
+def rows_of_change(number: int, tick: Tick, packing: Packing) -> list[Rows]:
     """Give a change's rows; without a change, only its time."""
     assert tick.scan is not None
     change = tick.change
@@ -89,7 +89,7 @@ def rows_of_change(number: int, tick: Tick, height_type: str) -> list[Rows]:
         motion = change.motion
         terms = (motion.residual_mm, motion.overlap, motion.conditioning, motion.sigma_z_mm, motion.sigma_xy_mm)
         values |= {
-            "dz": pack_heights(change.dz, height_type, "change"),
+            "dz": packing.pack(change.dz, "change"),
             "lod": pack_sigmas(change.lod),
             "baseline_time": change.baseline_time.astype(np.int64),
             "motion": np.concatenate([motion.matrix.ravel(), terms]),
@@ -108,7 +108,7 @@ def rows_of_calibration(root: Any, calibration: Calibration) -> list[Rows]:
     return [row(f"calibrations/{name}", len(ids), value) for name, value in values.items()]
 
 
-def read_change(store: Any, number: int, grid: Grid, known: Known | None = None) -> Change | None:
+def read_change(store: Any, number: int, grid: Grid, packing: Packing, known: Known | None = None) -> Change | None:
     """Read a change back from a Zarr store; None where there is none."""
     baseline_time = int(read_row(store, "change", number, ("baseline_time",), known)["baseline_time"])
     if baseline_time == NO_TIME:
@@ -121,7 +121,7 @@ def read_change(store: Any, number: int, grid: Grid, known: Known | None = None)
     return Change(
         grid=grid,
         baseline_time=np.datetime64(baseline_time, "ns"),
-        dz=unpack_heights(found["dz"]),
+        dz=packing.unpack(found["dz"]),
         lod=found["lod"],
         motion=motion,
     )

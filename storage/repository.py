@@ -172,9 +172,11 @@ def _fault(repository: Any, snapshot: str, probe: Callable[[Any], None]) -> str:
 
 
 def short(error: BaseException) -> str:
-    """Give the first line of an Icechunk or Zarr error."""
+    """Give the first line of an Icechunk or Zarr error, and of a checksum's no bytes."""
     lines = [line.strip(" |x-`>") for line in str(error).splitlines()]
     line = next((line for line in lines if line), type(error).__name__)
+    if "checksum" in line.lower():
+        return "its checksum does not match"
     return line.split(" in store <")[0]  # the address of an object helps nobody
 
 

@@ -16,7 +16,7 @@ from pipelines import AlarmState, Event, Grid, Instant, Scan, Tick
 from .layout import CELLS_OF_CHANGE, CELLS_OF_SCAN, FOLD, add_metric, metrics_of
 from .location import Location
 from .order import Tail, place
-from .packing import pack_bins
+from .packing import Packing
 from .records import read_scan, rows_of_change, rows_of_events, rows_of_metrics, rows_of_scan, tail_of
 from .repository import root_of, short
 from .rows import Rows, row, texts, write_rows
@@ -50,7 +50,7 @@ class Rework:
         The newest snapshot.
     key : str
         Names the work: range, settings, software.
-    grid, height_type, metrics
+    grid, packing, metrics
         The store's; `metrics` with the unit of each, those to add among them.
     first : int
         The first scan to write.
@@ -67,7 +67,7 @@ class Rework:
         base: str,
         key: str,
         grid: Grid,
-        height_type: str,
+        packing: Packing,
         metrics: Mapping[str, str],
         first: int,
         *,
@@ -75,7 +75,7 @@ class Rework:
         adopt: Callable[[str], None],
     ) -> None:
         self._repository, self._location, self._base, self._key = repository, location, base, key
-        self._grid, self._height_type, self._metrics = grid, height_type, dict(metrics)
+        self._grid, self._packing, self._metrics = grid, packing, dict(metrics)
         self._first, self._check, self._adopt = first, check, adopt
         self.tally: dict[str, int] = {}
         self.next = first
@@ -114,7 +114,7 @@ class Rework:
         """Give the baseline that the next scan is compared with, as the store gives it back; None before scan 0."""
         if not self._tail.count:
             return None
-        scan = read_scan(self._root.store, self._tail.baseline, self._grid)
+        scan = read_scan(self._root.store, self._tail.baseline, self._grid, self._packing)
         return replace(scan, calibration_id=self._tail.calibration_id)  # tables are written at the next commit
 
     def alarms(self) -> dict[str, AlarmState]:
@@ -132,8 +132,8 @@ class Rework:
         number = self.next
         assert where.number == number
         assert tick.scan is not None
-        rows = rows_of_scan(where, tick, self._height_type)
-        rows += rows_of_change(number, tick, self._height_type)
+        rows = rows_of_scan(where, tick, self._packing)
+        rows += rows_of_change(number, tick, self._packing)
         rows += rows_of_metrics(number, tick, self._metrics)
         if keep_heights:
             rows = [each for each in rows if each.path not in AS_TAKEN]
@@ -204,7 +204,7 @@ class Rework:
             if (about.get("process"), about.get("base")) != (self._key, self._base):
                 return False
             following = int(about["next"])
-            read_scan(self._repository.readonly_session(BRANCH).store, following - 1, self._grid)
+            read_scan(self._repository.readonly_session(BRANCH).store, following - 1, self._grid, self._packing)
             self.next, self.tally = following, dict(json.loads(about["tally"]))
             self._new_baseline = bool(about["new_baseline"])
             return True
@@ -243,7 +243,7 @@ class Rework:
                 path, at = (name, number) if number < folded else (f"{name}_tail", number % FOLD)
                 array = group[path]
                 # rows as they are, rather than gaps: two runs of rows in one chunk would overwrite each other
-                fresh = array[at] if cells is None else pack_bins(cells, str(array.dtype), name)
+                fresh = array[at] if cells is None else self._packing.pack_bins(cells, name)
                 packed.append(Rows(f"binned/{path}", at, 1, fresh[np.newaxis]))
             rows += _joined(packed)
         return rows

@@ -10,6 +10,8 @@ from pipelines import Calibration, Change, Event, Frames, Grid, Instant, Scan, T
 from pipelines.change import NoiseModel
 from pipelines.trends import AlarmState
 
+from .packing import STEP_MM
+
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
@@ -35,6 +37,8 @@ class About:
     snapshot: str
     metrics: dict[str, str] = field(default_factory=dict)
     """Unit of each metric by name."""
+    step_mm: float = STEP_MM
+    """What stored heights are rounded to."""
     noise: NoiseModel | None = None
     """The newest noise model of repeat scans, if any was kept."""
 

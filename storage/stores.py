@@ -12,7 +12,7 @@ from configs import InputError
 from pipelines import Grid, Instant, instant
 
 from .location import location_of
-from .packing import HeightType, range_mm
+from .packing import Packing, usual_packing
 from .past import Moment, snapshot_at
 from .store import Store
 
@@ -46,7 +46,7 @@ def create_store(
     software: str = "",
     kind: str = "icechunk",
     created: Instant | None = None,
-    height_type: HeightType | None = None,
+    packing: Packing | None = None,
 ) -> Store:
     """Make a store and hold its writer's lock.
 
@@ -65,9 +65,9 @@ def create_store(
         A name of `STORES`.
     created : Instant, optional
         Now, unless given.
-    height_type : {"int16", "int32"}, optional
-        How heights are packed, in steps of 0.5 um: int16 reaches 16 mm, int32 1 km. Unless given: int16 where the grid
-        is no wider and no longer than that reach, int32 elsewhere.
+    packing : Packing, optional
+        How heights are packed. Unless given, in steps of 0.5 um: in int16, which reaches 16 mm, where the grid is no
+        wider and no longer than that reach, else in int32, which reaches 1 km.
 
     Raises
     ------
@@ -78,9 +78,6 @@ def create_store(
     """
     if kind not in STORES:
         raise InputError(f"there is no store of kind {kind!r}: choose one of {', '.join(STORES)}")
-    if height_type is None:
-        widest = max(grid.shape) * grid.pitch_mm
-        height_type = "int16" if widest <= 2 * range_mm("int16") else "int32"
     return STORES[kind](
         path,
         site=site,
@@ -90,7 +87,7 @@ def create_store(
         metrics=dict(metrics or {}),
         software=software,
         created=instant(datetime.now(UTC)) if created is None else created,
-        height_type=height_type,
+        packing=usual_packing(grid) if packing is None else packing,
     )
 
 

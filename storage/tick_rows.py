@@ -10,7 +10,7 @@ from pipelines import Tick
 from .binned import rows_of_bins
 from .layout import NOISE
 from .order import Place
-from .packing import HeightType
+from .packing import Packing
 from .raw_frames import let_go, rows_of_frames
 from .records import rows_of_calibration, rows_of_change, rows_of_events, rows_of_metrics, rows_of_scan
 from .rows import Rows
@@ -18,9 +18,7 @@ from .rows import Rows
 __all__ = ["rows_of_tick"]
 
 
-def rows_of_tick(
-    root: Any, tick: Tick, where: Place, height_type: HeightType, metrics: Mapping[str, str]
-) -> list[Rows]:
+def rows_of_tick(root: Any, tick: Tick, where: Place, packing: Packing, metrics: Mapping[str, str]) -> list[Rows]:
     """Give the rows of a tick; a new noise model is kept, and frames past their time are let go, at once.
 
     Parameters
@@ -30,14 +28,14 @@ def rows_of_tick(
     tick : Tick
     where : Place
         The scan's number and epoch, and the events to keep.
-    height_type : HeightType
+    packing : Packing
     metrics : mapping of str to str
         Units of the store's metrics by name.
     """
     rows = rows_of_events(root["events/time"].shape[0], where.events)
     if where.number is not None:
-        rows += rows_of_scan(where, tick, height_type)
-        rows += rows_of_change(where.number, tick, height_type)
+        rows += rows_of_scan(where, tick, packing)
+        rows += rows_of_change(where.number, tick, packing)
         rows += rows_of_metrics(where.number, tick, metrics)
         rows += rows_of_bins(root["binned"], where.number, tick)
     if tick.calibration is not None:

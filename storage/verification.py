@@ -17,7 +17,7 @@ from pipelines import Calibration, format_instant
 from .icechunk_store import IcechunkStore
 from .layout import FOLD, SCHEMA, grid_of
 from .ledger import Ledger, ledger_beside
-from .packing import STEP_MM, fill_of, pack_bins, unpack_heights
+from .packing import Packing
 from .repository import root_of, short
 from .stores import open_store
 from .wholeness import faults
@@ -93,7 +93,12 @@ def verify(path: str | Path, progress: Progress = lambda done, total: None) -> V
     assert isinstance(store, IcechunkStore)
     root = root_of(store.session)
     found: list[Finding] = [
-        Finding("damaged", "store", event.text, "the next `microrelief run` goes on from there; check the disk")
+        Finding(
+            "damaged",
+            "store",
+            event.text.removeprefix("store: "),
+            "the next `microrelief run` goes on from there; check the disk",
+        )
         for event in store.events
         if event in store.lost_now
     ]
@@ -139,13 +144,7 @@ def _read(name: str, array: Any) -> Iterator[Finding]:
                     end = min(start + chunk, last) - 1
                     what = array.metadata.dimension_names[0] or "row"
                     rows = f"{what} {start}" if start == end else f"{what} {start} to {end}"
-                    yield Finding("damaged", f"{name}, {rows}", _why(error), "restore that file from a copy")
-
-
-def _why(error: BaseException) -> str:
-    """Say what is wrong with a chunk: the codec's own words are of bytes and objects."""
-    text = short(error)
-    return "its checksum does not match" if "checksum" in text.lower() else text
+                    yield Finding("damaged", f"{name}, {rows}", short(error), "restore that file from a copy")
 
 
 def _schema(root: Any) -> Iterator[Finding]:
@@ -197,10 +196,11 @@ def _units(root: Any) -> Iterator[Finding]:
     for name, unit in expected.items():
         if root[name].attrs.get("units") != unit:
             yield _damaged(name, f"its unit is {root[name].attrs.get('units')!r}, not {unit!r}")
+    step = root["scans/height"].attrs.get("scale_factor")
     for name in ("scans/height", "change/dz", "binned/height", "binned/dz"):
         scale = root[name].attrs.get("scale_factor")
-        if scale != STEP_MM:
-            yield _damaged(name, f"its scale_factor is {scale!r}, not {STEP_MM}")
+        if scale != step or not step:
+            yield _damaged(name, f"its scale_factor is {scale!r}, not the {step!r} of /scans/height")
     grid = grid_of(root.attrs)
     for name, values in (("scans/x", grid.x_mm), ("scans/y", grid.y_mm)):
         if not np.array_equal(root[name][:], values):
@@ -210,21 +210,23 @@ def _units(root: Any) -> Iterator[Finding]:
 def _cells(root: Any) -> Iterator[Finding]:
     """Check each scan's cells against each other, and the coarse means against them."""
     heights, sigmas = root["scans/height"], root["scans/sigma"]
-    kind, coarse_of = str(heights.dtype), _coarse_heights(root["binned"])
+    elsewhere = root["scans/calibration"][:] == ""  # a map that was taken in may say no uncertainty
+    packing, coarse_of = Packing.of(heights), _coarse_heights(root["binned"])
     for number in range(heights.shape[0]):
         try:
             height, sigma = heights[number], sigmas[number]
             coarse = coarse_of(number)
         except faults():
             continue  # found already
-        measured = height != fill_of(kind)
-        bad = np.count_nonzero(measured != np.isfinite(sigma)) + np.count_nonzero(sigma[measured] <= 0)
+        measured = height != packing.fill
+        wrong = np.isfinite(sigma) & ~measured if elsewhere[number] else measured != np.isfinite(sigma)
+        bad = np.count_nonzero(wrong) + np.count_nonzero(sigma[measured] <= 0)
         if bad:
             yield _damaged(f"scans/sigma, scan {number}", f"{bad} cells have a height without a sigma, or the reverse")
-        again = pack_bins(unpack_heights(height), kind, "height").astype(np.int64)
+        again = packing.pack_bins(packing.unpack(height), "height").astype(np.int64)
         apart = int(np.abs(again - coarse).max(initial=0))
         if apart > 1:  # the mean of rounded heights may round the other way
-            yield _damaged(f"binned/height, scan {number}", f"differs from the cells by {apart * STEP_MM:g} mm")
+            yield _damaged(f"binned/height, scan {number}", f"differs from the cells by {apart * packing.step_mm:g} mm")
 
 
 def _coarse_heights(binned: Any) -> Callable[[int], Any]:

@@ -15,7 +15,7 @@ from cyclopts import Parameter
 
 from configs import Campaign, InputError, did_you_mean, parse_duration
 from pipelines import Event, Grid, Instant, Scan, format_instant, instant, parse_instant
-from storage import Store, create_store, open_store, read_raster, scan_of, store_exists
+from storage import Store, create_store, fitting_packing, open_store, read_raster, scan_of, store_exists
 
 from .. import __version__
 from ..alarms import Watches, resumed
@@ -26,8 +26,6 @@ from ..visit import compare_with, judged
 __all__ = ["ingest"]
 
 METRICS = ("net_volume", "gained_volume", "lost_volume")
-REACH_MM = 16.0
-STEP_MM = 0.0005
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +101,9 @@ def ingest(
             scans.append((file, scan))
         scans.sort(key=lambda each: each[1].time)
         if opened is None:
-            opened = _create(store, scans[0][1], metric)
+            opened = _create(store, [scan for _, scan in scans], metric)
+        else:
+            _check_steps(opened, scans)
         with closing(opened):
             rules = rules_of(None, opened)
             watches: Watches = resumed(rules.alarms, opened)
@@ -176,33 +176,38 @@ def _read(file: Path, number: int, wishes: Wishes, grid: Grid | None, usual_zone
     scan = scan_of(raster, file, when, grid)
     if not np.isfinite(scan.height).any():
         raise InputError(f"{file}: holds no measured cell")
-    spread = float(np.nanstd(scan.height))
-    if 0 < spread < STEP_MM:
-        raise InputError(
-            f"{file}: its heights vary by {spread * 1e6:.3g} nm, but a store keeps steps of {STEP_MM * 1e3:g} um: "
-            "too fine for it"
-        )
     if wishes.sigma_mm is not None:
         unknown = np.isnan(scan.sigma) & np.isfinite(scan.height)
         scan = replace(scan, sigma=np.where(unknown, np.float32(wishes.sigma_mm), scan.sigma))
     return scan
 
 
-def _create(path: str, first: Scan, names: Sequence[str]) -> Store:
+def _check_steps(store: Store, scans: Sequence[tuple[Path, Scan]]) -> None:
+    """Refuse surfaces that would be flat in this store's steps."""
+    step = store.about.step_mm
+    for file, scan in scans:
+        spread = float(np.nanstd(scan.height))
+        if 0 < spread < step:
+            raise InputError(
+                f"{file}: its heights vary by {spread * 1e6:.3g} nm, but {store.about.location} keeps steps of "
+                f"{step * 1e6:g} nm: ingest it into a new store, whose steps will be finer"
+            )
+
+
+def _create(path: str, scans: Sequence[Scan], names: Sequence[str]) -> Store:
     from pipelines.change import METRICS as KNOWN
 
     names = names or METRICS
     for name in names:
         if name not in KNOWN:
             raise InputError(f"--metric {name}: no such metric{did_you_mean(name, list(KNOWN))}")
-    tall = float(np.nanmax(np.abs(first.height))) > REACH_MM / 2
     return create_store(
         path,
         site=re.sub(r"[-_]+", " ", Path(path).stem),
-        grid=first.grid,
+        grid=scans[0].grid,
         metrics={name: KNOWN[name].unit for name in names},
         software=f"microrelief {__version__}",
-        height_type="int32" if tall else None,
+        packing=fitting_packing(scans),
     )
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 from datetime import UTC, datetime, timedelta
-from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
@@ -27,8 +26,8 @@ AGES = {"gc": timedelta(days=1), "expire": timedelta(days=30), "compact": timede
 
 def store(
     action: Action,
-    path: Path,
-    target: Path | None = None,
+    path: str,
+    target: str | None = None,
     *,
     older_than: str | None = None,
     history: bool = False,
@@ -46,17 +45,17 @@ def store(
 
     compact: drop all history but these, and remove what it leaves.
 
-    copy: write what the newest snapshot holds to another folder, or all history. A campaign may be running. A store
-    of an older layout gets the present one.
+    copy: write what the newest snapshot holds to another folder or to S3, or all history to a folder. A campaign may be
+    running. A store of an older layout gets the present one.
 
     Parameters
     ----------
     action
         What to do.
     path
-        Store.
+        The store's folder or address.
     target
-        Where the copy goes; only for `copy`.
+        Where the copy goes, a folder or an address; only for `copy`.
     older_than
         Age from which on files (gc: 1 d, compact: 1 h) or snapshots (expire: 30 d) go.
     history
@@ -87,7 +86,7 @@ def store(
     return 0
 
 
-def _check(action: str, target: Path | None, older_than: str | None, **flags: bool) -> None:
+def _check(action: str, target: str | None, older_than: str | None, **flags: bool) -> None:
     if (action == "copy") != (target is not None):
         raise InputError(
             "name where the copy goes: microrelief store copy STORE TARGET"
@@ -110,7 +109,7 @@ def _age(text: str) -> timedelta:
         raise InputError(f"--older-than: {error}") from None
 
 
-def _thin_out(action: str, path: Path, age: timedelta, *, dry_run: bool) -> str:
+def _thin_out(action: str, path: str, age: timedelta, *, dry_run: bool) -> str:
     before = datetime.now(UTC) - age
     if action == "expire":
         count = expire(path, before)
@@ -126,7 +125,7 @@ def _mapping(told: Statistics) -> dict[str, object]:
     }
 
 
-def _lines(path: Path, told: Statistics) -> list[str]:
+def _lines(path: str, told: Statistics) -> list[str]:
     groups = ", ".join(f"{name} {format_bytes(size)}" for name, size in told.by_group.items())
     kinds = ", ".join(f"{name} {format_bytes(size)}" for name, size in told.kinds.items())
     newest = sum(told.by_group.values())

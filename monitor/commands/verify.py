@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from storage import verify as verify_store
 
 from ..forecast import format_bytes
@@ -12,7 +10,7 @@ from ..progress import progress
 __all__ = ["verify"]
 
 
-def verify(store: Path) -> int:
+def verify(store: str) -> int:
     """Read every chunk of a store and check every invariant; change nothing.
 
     Checked are checksums, the order of times and numbers, units, packing, coarse means against cells, calibrations,
@@ -22,7 +20,7 @@ def verify(store: Path) -> int:
     Parameters
     ----------
     store
-        Store.
+        The store's folder or address.
 
     Examples
     --------

@@ -10,7 +10,6 @@ import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from resource import RUSAGE_SELF, getrusage
 from statistics import median
 from time import perf_counter, process_time
 from typing import Any
@@ -18,14 +17,15 @@ from typing import Any
 import numpy as np
 
 from pipelines import Change, Grid, Measurement, Motion, Scan, Tick
-from storage import cell_history, create_store, open_store
+from storage import Store, cell_history, create_store, open_store
+from storage.icechunk_store import GIVE_BACK_EVERY, IcechunkStore
 from storage.layout import FOLD
-from storage.rows import Rows, write_rows
+from storage.location import BRANCH
+from storage.repository import root_of
+from storage.rows import Known, Rows, write_rows
 
 START = np.datetime64("2026-01-01T00:00:00", "ns")
 METRICS = dict.fromkeys(("net", "gained", "lost", "area", "length", "opening", "lift"), "mm")
-WARM, LATE, SPAN = 10, 300, 9
-"""Scan numbers whose commits are compared, and how many of them around each."""
 
 
 def make_tick(grid: Grid, number: int, rng: np.random.Generator, base: np.ndarray) -> Tick:
@@ -81,27 +81,6 @@ def size_of(folder: Path) -> int:
     return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
 
 
-def commit_costs(cells: int, scans: int) -> list[tuple[float, int]]:
-    """Append `scans` scans of `cells` x `cells`; give seconds and bytes of each commit."""
-    grid = Grid(cells, cells, 0.02)
-    rng = np.random.default_rng(1)
-    base = relief(grid)
-    costs = []
-    with scratch() as folder:
-        store = create_store(folder / "s", site="bench", grid=grid, metrics=METRICS)
-        before = size_of(folder / "s")
-        for number in range(scans):
-            tick = make_tick(grid, number, rng, base)
-            began = perf_counter()
-            store.append(tick)
-            took = perf_counter() - began
-            after = size_of(folder / "s")
-            costs.append((took, after - before))
-            before = after
-        store.close()
-    return costs
-
-
 def append_against_floor(cells: int, repeats: int = 9) -> tuple[float, float, float, float]:
     """Give medians of append and floor, interleaved (s), the read of one scan (s), and the commit's bytes."""
     grid = Grid(cells, cells, 0.02)
@@ -127,20 +106,60 @@ def append_against_floor(cells: int, repeats: int = 9) -> tuple[float, float, fl
     return median(appends), median(floors), read, size
 
 
+def aged(folder: Path, grid: Grid, base: np.ndarray, scans: int, tell: Callable[[str], None]) -> Store:
+    """Make a store as it is after `scans` scans and as many snapshots, in a hundredth of the time.
+
+    The arrays, and so the chunks and the manifests that cover them, are written at once; then come the snapshots, each
+    of one commit of nearly nothing.
+    """
+    store = create_store(folder, site="bench", grid=grid, metrics=METRICS)
+    assert isinstance(store, IcechunkStore)
+    rng = np.random.default_rng(2)
+    for number in range(2):
+        store.append(make_tick(grid, number, rng, base))
+    folded, more = scans // FOLD * FOLD, scans - 2
+
+    def write(root: Any, known: Known) -> None:
+        rows = []
+        for path, array in root.members(max_depth=None):
+            if not hasattr(array, "chunks") or array.metadata.dimension_names[0] != "time":
+                continue
+            if path.endswith(("/time", "/planned")):
+                step = array[1] - array[0]
+                rows.append(Rows(path, 2, more, array[1] + step * np.arange(1, more + 1)))
+            elif path == "scans/scan":
+                rows.append(Rows(path, 2, more, np.arange(2, scans)))
+            else:
+                rows.append(Rows(path, 2, more, np.repeat(array[1:2], more, axis=0)))
+        for name in ("height", "dz"):
+            tail = root[f"binned/{name}_tail"]
+            rows.append(Rows(f"binned/{name}", 0, folded, np.repeat(tail[1:2], folded, axis=0)))
+            rows.append(Rows(f"binned/{name}_tail", 0, FOLD, np.repeat(tail[1:2], FOLD, axis=0)))
+        write_rows(root.store, rows, known)
+
+    store._commit(write, "scans", {})
+    for number in range(more):
+        session = store.repository.writable_session(BRANCH)
+        root_of(session, "r+").attrs["aged"] = number
+        session.commit(f"scan {number}")
+        if number % 1000 == 999:
+            tell(f"{number + 1:>6} snapshots made")
+    store.close()
+    return open_store(folder, write=True)
+
+
 def growth(
     few: int, many: int, rounds: int = 9, tell: Callable[[str], None] = lambda line: None
 ) -> dict[str, tuple[float, float]]:
     """Compare what a small store costs with `few` scans and with `many`: to append, to open it and read the last scan.
 
-    Medians of processor ms and of wall ms; both stores are asked in turn, so that the machine's mood is the same. The
-    kB of a commit, the mean of as many as fill a manifest, which grows with each. And the most memory that was taken,
-    MB, with 500 scans and with `many`. `tell` hears how far the filling is, and what was found.
+    Medians of processor ms and of wall ms; both stores are asked in turn, so that the machine's mood is the same. And
+    the kB of a commit, the mean of as many as fill a manifest, which grows with each. `tell` hears how far it is.
     """
     grid = Grid(20, 30, 0.05)
     rng = np.random.default_rng(1)
     base = relief(grid)
     found: dict[str, dict[int, list[float]]] = {}
-    memory: list[float] = []
 
     def cost(what: str, count: int, work: Callable[[], Any]) -> None:
         wall, processor = perf_counter(), process_time()
@@ -149,45 +168,45 @@ def growth(
             found.setdefault(f"{what}, {unit} ms", {}).setdefault(count, []).append(took * 1e3)
 
     with scratch() as folder:
-        counts = dict.fromkeys((few, many), 0)
-        stores = {
-            count: create_store(folder / str(count), site="bench", grid=grid, metrics=METRICS) for count in counts
-        }
+        stores = {count: aged(folder / str(count), grid, base, count, tell) for count in (few, many)}
 
         def append(count: int) -> None:
-            stores[count].append(make_tick(grid, counts[count], rng, base))
-            counts[count] += 1
+            stores[count].append(make_tick(grid, len(stores[count]), rng, base))
 
-        for count in counts:
-            began, processor = perf_counter(), process_time()
-            while counts[count] < count:
-                append(count)
-                if counts[count] % 500 == 0:
-                    wall_ms, processor_ms = (perf_counter() - began) * 2, (process_time() - processor) * 2
-                    memory.append(getrusage(RUSAGE_SELF).ru_maxrss / 1e3)
-                    each = f"{processor_ms:5.1f} ms of processor and {wall_ms:5.1f} ms of wall each"
-                    tell(f"{counts[count]:>6} scans: {each}, {memory[-1]:.0f} MB of memory at most")
-                    began, processor = perf_counter(), process_time()
         for _ in range(rounds):
-            for count in counts:
+            for count in stores:
                 cost("append", count, lambda count=count: append(count))  # type: ignore[misc]  # bound now
                 cost("open and read the last scan", count, lambda count=count: open_store(folder / str(count))[-1])  # type: ignore[misc]  # bound now
+        tell("commits in turn measured")
         written = {}
-        for count in counts:
+        for count in stores:
             before = size_of(folder / str(count))
             for _ in range(FOLD):
                 append(count)
             written[count] = (size_of(folder / str(count)) - before) / FOLD / 1e3
             stores[count].close()
-        medians = {what: (median(costs[few]), median(costs[many])) for what, costs in found.items()}
-        results = {
-            **medians,
-            "a commit, kB": (written[few], written[many]),
-            **({"memory, MB": (memory[0], memory[-1])} if memory else {}),
-        }
-        for what, (few_cost, many_cost) in results.items():  # now: to remove so many files takes minutes
-            tell(f"{what}: {few_cost:.1f} with {few} scans, {many_cost:.1f} with {many}")
+    results = {what: (median(costs[few]), median(costs[many])) for what, costs in found.items()}
+    results["a commit, kB"] = written[few], written[many]
+    for what, (few_cost, many_cost) in results.items():
+        tell(f"{what}: {few_cost:.1f} with {few} scans, {many_cost:.1f} with {many}")
     return results
+
+
+def memory(commits: int, tell: Callable[[str], None] = lambda line: None) -> list[float]:
+    """Give a writer's memory, MB, after each `GIVE_BACK_EVERY` commits of small scans."""
+    grid = Grid(8, 8, 0.05)
+    rng, base = np.random.default_rng(1), relief(grid)
+    found = []
+    with scratch() as folder:
+        store = create_store(folder / "s", site="bench", grid=grid, metrics=METRICS)
+        for number in range(commits):
+            store.append(make_tick(grid, number, rng, base))
+            if len(store) % GIVE_BACK_EVERY == 0:
+                pages = int(Path("/proc/self/statm").read_text().split()[1])
+                found.append(pages * os.sysconf("SC_PAGESIZE") / 1e6)
+                tell(f"{number + 1:>6} commits: {found[-1]:.1f} MB")
+        store.close()
+    return found
 
 
 def history_cost(scans: int = 1000) -> tuple[float, float]:
@@ -227,12 +246,6 @@ def history_cost(scans: int = 1000) -> tuple[float, float]:
     return min(times), min(floors)
 
 
-def around(costs: list[tuple[float, int]], number: int) -> tuple[float, float]:
-    """Medians of seconds and bytes over the `SPAN` commits around `number`."""
-    near = costs[number - SPAN // 2 : number + SPAN // 2 + 1]
-    return median(seconds for seconds, _ in near), median(size for _, size in near)
-
-
 def main() -> None:
     """Print the table."""
     print("store: one tick (scan, change, 7 metrics) as one durable transaction")
@@ -243,12 +256,8 @@ def main() -> None:
             f"{cells:>5} x {cells:<4} {append * 1e3:6.0f} ms {floor * 1e3:6.0f} ms {append / floor:6.1f} "
             f"{read * 1e3:5.0f} ms {size / 1e6:6.2f} MB {8 * size / cells**2:12.1f}"
         )
-    costs = commit_costs(200, LATE + SPAN)
-    for number in (WARM, LATE):
-        seconds, size = around(costs, number)
-        print(f"  200 x 200  commit at scan {number:>3}: {seconds * 1e3:4.0f} ms, {size / 1e3:4.0f} kB")
     print("floor: the same cells, packed alike, in one npz, synced")
-    growth(WARM, 3 * LATE, tell=lambda line: print(f"  20 x 30   {line}"))
+    growth(10, 10_000, tell=lambda line: print(f"  20 x 30   {line}"))
     took, floor = history_cost()
     print(
         f"  1440 x 2560  history of 8x8 cells over 1,000 scans: {took * 1e3:.0f} ms; "

@@ -18,9 +18,9 @@ from pipelines import Grid, Scan, Tick
 from storage import create_store
 from storage.binned import read_bins
 from storage.icechunk_store import IcechunkStore
-from storage.layout import FOLD
+from storage.layout import CELLS_OF_SCAN, FOLD
 from storage.location import BRANCH, location_of
-from storage.packing import STEP_MM, pack_heights, pack_sigmas
+from storage.packing import STEP_MM, Packing, pack_sigmas
 from storage.repository import root_of
 
 from .bench_store import START, scratch
@@ -65,37 +65,40 @@ def least(work: Callable[[], Any], runs: int = 5) -> tuple[float, float]:
 
 
 def codecs(scan: Scan) -> None:
-    """Compare codecs on packed heights and sigmas, one chunk of 512 x 512 cells after another."""
+    """Compare codecs on a packed scan, one chunk after another as it is stored."""
     from zarr.codecs import BloscCodec
 
-    packed = {"height": pack_heights(scan.height, "int16", "height"), "sigma": pack_sigmas(scan.sigma, STEP_MM)}
-    print(f"{'codec':>24} {'height':>8} {'sigma':>8} bits a cell  {'write':>8} {'read':>8} CPU ms, both")
-    for name, level, shuffle in (
-        ("zstd", 1, "bitshuffle"),
-        ("zstd", 3, "bitshuffle"),
-        ("zstd", 1, "shuffle"),
-        ("lz4", 5, "bitshuffle"),
-        ("lz4hc", 5, "bitshuffle"),
+    packed = {"height": Packing("int16").pack(scan.height, "height"), "sigma": pack_sigmas(scan.sigma, STEP_MM)}
+    packed["texture"] = scan.texture
+    names = " ".join(f"{name:>8}" for name in packed)
+    print(f"{'codec':>24} {'block':>8} {names} bits a cell  {'write':>8} {'read':>8} CPU ms")
+    for name, level, shuffle, block in (
+        ("zstd", 1, "bitshuffle", 2**20),
+        ("zstd", 1, "shuffle", 2**20),
+        ("zstd", 1, "noshuffle", 2**20),
+        ("zstd", 1, "bitshuffle", 0),
+        ("zstd", 3, "bitshuffle", 2**20),
+        ("lz4", 5, "bitshuffle", 2**20),
+        ("lz4hc", 5, "bitshuffle", 2**20),
     ):
-        codec = BloscCodec(cname=name, clevel=level, shuffle=shuffle)  # type: ignore[arg-type]  # literals of zarr's
+        codec = BloscCodec(cname=name, clevel=level, shuffle=shuffle, blocksize=block)  # type: ignore[arg-type]  # literals of zarr's
         bits, write, read = {}, 0.0, 0.0
         for key, cells in packed.items():
-            stored = _in_memory(cells, (512, 512), [codec])
-            write += least(lambda cells=cells, codec=codec: _in_memory(cells, (512, 512), [codec]), 2)[0]  # type: ignore[misc]  # bound now
+            stored = _in_memory(cells, (720, 854), [codec])
+            write += least(lambda cells=cells, codec=codec: _in_memory(cells, (720, 854), [codec]), 2)[0]  # type: ignore[misc]  # bound now
             read += least(lambda stored=stored: stored[:], 2)[0]  # type: ignore[misc]  # bound now
             bits[key] = 8 * int(stored.nbytes_stored()) / cells.size
-        marks = {("zstd", 1, "bitshuffle"): "  <- ours, height", ("zstd", 1, "shuffle"): "  <- ours, sigma"}
-        ours = marks.get((name, level, shuffle), "")
-        told = f"{name}{level} {shuffle}"
-        print(f"{told:>24} {bits['height']:8.2f} {bits['sigma']:8.2f} {write * 1e3:21.0f} {read * 1e3:8.0f}{ours}")
+        marks = {"bitshuffle": "height, level", "shuffle": "sigma", "noshuffle": "texture"}
+        ours = f"  <- ours, {marks[shuffle]}" if (name, level, block) == ("zstd", 1, 2**20) else ""
+        told, sizes = f"{name}{level} {shuffle}", " ".join(f"{bits[key]:8.2f}" for key in packed)
+        print(f"{told:>24} {block or 'auto':>8} {sizes} {write * 1e3:21.0f} {read * 1e3:8.0f}{ours}")
     print(f"{'chunk':>24} {'height':>8} bits a cell  {'write':>8} {'read':>8} CPU ms")
-    best = BloscCodec(cname="zstd", clevel=1, shuffle="bitshuffle")
-    for side in (128, 256, 512, 1024, 2560):
-        chunk = (min(side, FULL.rows), min(side, FULL.columns))
+    best = BloscCodec(cname="zstd", clevel=1, shuffle="bitshuffle", blocksize=2**20)
+    for chunk in ((128, 128), (240, 256), (480, 512), (720, 854), (1440, 2560)):
         stored = _in_memory(packed["height"], chunk, [best])
         write, _ = least(lambda chunk=chunk: _in_memory(packed["height"], chunk, [best]), 2)  # type: ignore[misc]  # bound now
         read, _ = least(lambda stored=stored: stored[:], 2)  # type: ignore[misc]  # bound now
-        mark = "  <- ours" if side == 512 else ""
+        mark = "  <- ours" if chunk == (720, 854) else ""
         told, bits_ = f"{chunk[0]} x {chunk[1]}", 8 * int(stored.nbytes_stored()) / FULL.rows / FULL.columns
         print(f"{told:>24} {bits_:8.2f} {write * 1e3:21.0f} {read * 1e3:8.0f}{mark}")
 
@@ -137,7 +140,7 @@ def full_size(folder: Path) -> None:
     appended, written = least(append, len(scans)), least(floor, 3)
     read, read_raw = least(lambda: store[-1]), least(read_floor, 3)
     cells = FULL.rows * FULL.columns
-    sizes = {name: int(root_of(store.session)[f"scans/{name}"].nbytes_stored()) / len(scans) for name in NAMES}
+    sizes = {name: int(root_of(store.session)[f"scans/{name}"].nbytes_stored()) / len(scans) for name in CELLS_OF_SCAN}
     print(
         f"1440 x 2560 rough soil, {NOISE_MM * 1e3:.0f} um noise: bits a cell "
         + ", ".join(f"{name} {8 * size / cells:.2f}" for name, size in sizes.items())
@@ -147,9 +150,6 @@ def full_size(folder: Path) -> None:
     _line("append", appended, written, "250 ms")
     _line("read of a scan", read, read_raw, "100 ms")
     store.close()
-
-
-NAMES = ("height", "sigma", "texture", "level")
 
 
 def _line(what: str, ours: tuple[float, float], floor: tuple[float, float], bar: str) -> None:

@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter
 from configs import Alarm
 from monitor.visit import Epoch, Recipe, visit
 from pipelines import Calibration, Frames, Grid, Instant, Lens, PatternSet
-from storage import Store, create_store
+from storage import Packing, Store, create_store
 
 CAMERA = (96, 72)
 PATTERNS = PatternSet("gray", (184, 80), bits=(8, 7))
@@ -59,7 +59,7 @@ def capture(number: int) -> Frames:
 def fill(path: str | Path, count: int, made: Recipe | None = None, without: tuple[int, ...] = ()) -> Store:
     """Make a store as a campaign does; `without` names scans whose frames are not kept."""
     made = made or recipe()
-    store = create_store(path, site="block", grid=GRID, metrics=UNITS, height_type="int32")
+    store = create_store(path, site="block", grid=GRID, metrics=UNITS, packing=Packing("int32"))
     epoch = None
     for number in range(count):
         result = visit(capture(number), made, epoch, at(number))

@@ -110,10 +110,21 @@ def test_a_new_store_on_cells_of_another_size(here: Path) -> None:
     np.testing.assert_allclose(store[0].scan.height, mound(0).height[::2, ::2], atol=0.000251)
 
 
-def test_surfaces_too_fine_for_the_stores_steps_are_refused(here: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    np.savez(here / "a.npz", height=mound(0).height * 1e-4, pitch_mm=0.001, time="2026-11-22T21:00:00Z")
-    assert run_tokens(["ingest", "s", "a.npz"]) == 2
-    assert "too fine for it" in capfd.readouterr().err
+def test_surfaces_of_nanometres_get_fine_steps_and_a_coarse_store_refuses_them(
+    here: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    fine = mound(0).height * 1e-5
+    np.savez(here / "fine.npz", height=fine, pitch_mm=mound(0).grid.pitch_mm, time="2026-11-22T21:00:00Z")
+    write_height_map(mound(0), here / "coarse.npz")
+    assert run_tokens(["ingest", "s", "fine.npz"]) == 0
+    assert run_tokens(["verify", "s"]) == 0
+    kept = open_store("s")
+    np.testing.assert_allclose(kept[0].scan.height, fine, rtol=0, atol=0.01 * np.nanstd(fine))
+    np.testing.assert_allclose(kept.window()["height"].values[0], kept[0].scan.height, rtol=1e-5)
+    assert run_tokens(["ingest", "t", "coarse.npz"]) == 0
+    assert run_tokens(["ingest", "t", "fine.npz"]) == 2
+    assert "t keeps steps of 500 nm: ingest it into a new store" in capfd.readouterr().err
+    assert len(open_store("t")) == 1
 
 
 def test_export_of_scan_change_and_series(here: Path, capsys: pytest.CaptureFixture[str]) -> None:

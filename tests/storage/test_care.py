@@ -146,7 +146,7 @@ def test_a_copy_is_the_same_and_the_ledger_goes_along(tmp_path: Path, history: b
     assert len(open_store(path).events) == len(copied.events) + 1
     assert verify(target).findings == ()
     assert (len(_snapshots(target)) > 5) == history
-    with pytest.raises(StoreError, match="exists already: name another place"):
+    with pytest.raises(StoreError, match="exists already: open it, or choose another path"):
         copy_store(path, target)
     rows = Ledger(ledger_beside(target), write=False)
     assert rows.counts()["taken"] == 5

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import errno
 import os
-import random
 import shutil
-import signal
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,20 +19,7 @@ from pipelines import Grid
 from storage import create_store, open_store
 
 from .ticks import GRID, METRICS, failure, surface, tick
-
-ROOT = Path(__file__).resolve().parents[2]
-
-WRITER = """
-import sys
-from tests.storage.ticks import tick
-from storage import open_store
-store = open_store(sys.argv[1], write=True)
-print("open", len(store), flush=True)
-number = len(store)
-while True:
-    print("stored", store.append(tick(number)), flush=True)
-    number += 1
-"""
+from .writers import ROOT, Nursery, check_whole, kill_at_random
 
 
 def _store(folder: Path, scans: int = 0) -> None:
@@ -163,60 +147,27 @@ def test_syncs_the_new_reference(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     store.close()
 
 
-def _kill_at_random(folder: Path, kills: int, seed: int) -> tuple[int, int]:
-    """Let a writer append and kill it, `kills` times; return the scans acknowledged in all and those found."""
-    random_moments = random.Random(seed)
-    acknowledged = -1
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    for number in range(1, kills + 1):
-        with subprocess.Popen(
-            [sys.executable, "-c", WRITER, str(folder)], stdout=subprocess.PIPE, text=True, cwd=ROOT, env=environment
-        ) as child:
-            assert child.stdout is not None
-            assert child.stdout.readline().startswith("open")
-            time.sleep(random_moments.uniform(0.0, 0.6))  # a moment of the writer's life: nothing here is waited for
-            child.send_signal(signal.SIGKILL)
-            for line in child.stdout:
-                if line.endswith("\n"):
-                    acknowledged = int(line.split()[1])
-        store = open_store(folder)
-        assert len(store) > acknowledged, "an acknowledged scan is lost"
-        assert len(store) <= acknowledged + 2, "more than the one scan under way is there"
-        if number % 20 == 0:
-            print(f"{number} kills: {acknowledged + 1} scans acknowledged, {len(store)} found", flush=True)
+def _killed_at_random(nursery: Nursery, folder: Path, kills: int, seed: int) -> tuple[int, int]:
+    """Kill writers of a new store; every scan of theirs is whole, and it can be gone on with."""
+    _store(folder, 1)
+    acknowledged, found = kill_at_random(nursery, folder, kills, seed, longest_s=0.6)
+    check_whole(folder)
     store = open_store(folder, write=True)
     assert not [event for event in store.events if event.kind in ("lost", "note")]
-    assert store.append(tick(len(store))) == len(store) - 1
+    assert store.append(tick(found)) == found
     store.close()
-    return acknowledged + 1, len(store)
+    return acknowledged, found
 
 
-def check_whole(folder: str | Path) -> None:
-    store = open_store(folder)
-    times = store.window()["time"].values
-    assert (np.diff(times.astype(np.int64)) > 0).all()
-    assert list(store.series()["scan"]) == list(range(len(store)))
-    for number in range(len(store)):
-        stored = store[number]
-        assert stored.scan.time == surface(number).time
-        np.testing.assert_array_equal(stored.scan.texture, surface(number).texture)
-        assert (stored.change is None) == (number == 0)
-
-
-def test_kill_9_loses_nothing_acknowledged(tmp_path: Path) -> None:
-    _store(tmp_path / "s", 1)
-    acknowledged, found = _kill_at_random(tmp_path / "s", kills=5, seed=20261122)
-    assert acknowledged >= 1
-    assert found >= acknowledged
-    check_whole(tmp_path / "s")
+def test_kill_9_loses_nothing_acknowledged(tmp_path: Path, nursery: Nursery) -> None:
+    acknowledged, found = _killed_at_random(nursery, tmp_path / "s", kills=5, seed=20261122)
+    assert found >= acknowledged >= 1
 
 
 @pytest.mark.soak
-def test_many_kills_lose_nothing_acknowledged(tmp_path: Path) -> None:
-    _store(tmp_path / "s", 1)
-    acknowledged, found = _kill_at_random(tmp_path / "s", kills=200, seed=7)
+def test_many_kills_lose_nothing_acknowledged(tmp_path: Path, nursery: Nursery) -> None:
+    acknowledged, found = _killed_at_random(nursery, tmp_path / "s", kills=200, seed=7)
     print(f"200 kills: {acknowledged} scans acknowledged, {found} found")
-    check_whole(tmp_path / "s")
 
 
 FILLER = """

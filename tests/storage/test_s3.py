@@ -4,11 +4,6 @@ from __future__ import annotations
 
 import os
 import pickle
-import random
-import signal
-import subprocess
-import sys
-import time
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -36,8 +31,8 @@ from storage import lease as lease_module
 from storage.bucket import Bucket
 
 from .. import s3_servers
-from .test_recovery import ROOT, WRITER, check_whole
 from .ticks import GRID, METRICS, START, failure, surface, tick
+from .writers import Nursery, check_whole, kill_at_random
 
 
 def _made(url: str, scans: int = 0) -> Store:
@@ -98,9 +93,17 @@ def test_care_of_a_store_at_a_url(s3_prefix: str, tmp_path: Path) -> None:
     assert len(open_store(url, snapshot=first)) == 0, "what a report cites is kept"
     assert copy_store(url, tmp_path / "copy") == 5
     np.testing.assert_array_equal(open_store(tmp_path / "copy")[4].scan.texture, surface(4).texture)
-    for source, target, history in ((url, f"{s3_prefix}/copy", False), (url, tmp_path / "whole", True)):
-        with pytest.raises(StoreError, match=r"a copy goes to a folder|history cannot be copied"):
-            copy_store(source, target, history=history)
+    assert copy_store(url, tmp_path / "whole", history=True) == 5
+    assert len(open_store(tmp_path / "whole", snapshot=first)) == 0
+    back = f"{s3_prefix}/back"
+    assert copy_store(tmp_path / "copy", back) == 5
+    np.testing.assert_array_equal(open_store(back)[4].scan.texture, surface(4).texture)
+    for copied in (tmp_path / "whole", back):
+        assert not verify(copied).damaged
+    with pytest.raises(StoreError, match="exists already"):
+        copy_store(tmp_path / "copy", back)
+    with pytest.raises(StoreError, match="a copy with its history goes to a folder"):
+        copy_store(url, f"{s3_prefix}/other", history=True)
 
 
 def test_credentials_are_in_no_object_and_no_pickle(s3_prefix: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -284,44 +287,28 @@ def test_a_server_that_ignores_conditional_writes_is_refused(tmp_path: Path, mon
         assert "Contents" not in client.list_objects_v2(Bucket=s3_servers.BUCKET), "nothing was left behind"
 
 
-def _kill_at_random(url: str, kills: int, seed: int) -> tuple[int, int]:
-    """Let a writer append and kill it, `kills` times, while the server goes on; scans acknowledged and found."""
-    moments = random.Random(seed)
-    acknowledged = -1
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    for number in range(1, kills + 1):
-        with subprocess.Popen(
-            [sys.executable, "-c", WRITER, url], stdout=subprocess.PIPE, text=True, cwd=ROOT, env=environment
-        ) as child:
-            assert child.stdout is not None
-            assert child.stdout.readline().startswith("open")
-            time.sleep(moments.uniform(0.0, 1.0))  # a moment of the writer's life: nothing here is waited for
-            child.send_signal(signal.SIGKILL)
-            for line in child.stdout:
-                if line.endswith("\n"):
-                    acknowledged = int(line.split()[1])
-        store = open_store(url)
-        assert len(store) > acknowledged, "an acknowledged scan is lost"
-        assert len(store) <= acknowledged + 2, "more than the one scan under way is there"
-        if number % 20 == 0:
-            print(f"{number} kills: {acknowledged + 1} scans acknowledged, {len(store)} found", flush=True)
+def _killed_at_random(nursery: Nursery, url: str, kills: int, seed: int) -> tuple[int, int]:
+    """Kill writers of a new store, while the server goes on; every scan is whole, and it can be gone on with."""
+    _made(url, 1).close()
+    acknowledged, found = kill_at_random(nursery, url, kills, seed, longest_s=1.0)
+    check_whole(url)
     store = open_store(url, write=True)
     assert not [event for event in store.events if event.kind == "lost"]
-    assert store.append(failure(len(store))) is None
+    assert store.append(failure(found)) is None
     store.close()
-    return acknowledged + 1, len(store)
+    return acknowledged, found
 
 
-def test_kill_9_loses_nothing_acknowledged(s3_prefix: str) -> None:
-    _made(s3_prefix, 1).close()
-    acknowledged, found = _kill_at_random(s3_prefix, kills=2, seed=20261122)
+def test_kill_9_loses_nothing_acknowledged(s3_prefix: str, nursery: Nursery) -> None:
+    acknowledged, found = _killed_at_random(nursery, s3_prefix, kills=2, seed=20261122)
     assert found >= acknowledged >= 1
-    check_whole(s3_prefix)
 
 
 @pytest.mark.soak
-def test_many_kills_lose_nothing_acknowledged(s3_prefix: str) -> None:
-    _made(s3_prefix, 1).close()
-    acknowledged, found = _kill_at_random(s3_prefix, kills=200, seed=7)
+def test_many_kills_lose_nothing_acknowledged(s3_prefix: str, nursery: Nursery) -> None:
+    """On ten stores: each scan costs a bucket more objects, and this is about the moments."""
+    acknowledged = found = 0
+    for store in range(10):
+        of_one = _killed_at_random(nursery, f"{s3_prefix}-{store}", kills=20, seed=store)
+        acknowledged, found = acknowledged + of_one[0], found + of_one[1]
     print(f"200 kills on S3: {acknowledged} scans acknowledged, {found} found")
-    check_whole(s3_prefix)
