@@ -10,8 +10,8 @@ import numpy as np
 
 from configs import DeviceUnavailable, InputError
 
+from ...extras import load_extra
 from .base import FrameLost, Shot, to_full_range
-from .extra import load_extra
 
 __all__ = ["MicroManagerCamera"]
 
@@ -38,6 +38,7 @@ class MicroManagerCamera:
     """
 
     wraps_at: int | None = None
+    awaits_trigger = False
 
     def __init__(
         self,

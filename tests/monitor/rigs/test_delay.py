@@ -9,6 +9,7 @@ from configs import CaptureError
 from monitor.rigs import DevicesRig
 from monitor.rigs.cameras import Shot
 from monitor.rigs.delay import Delay, measure_delay
+from monitor.rigs.projectors.base import Again
 from pipelines import PatternSet
 
 PATTERNS = PatternSet("gray", (64, 48), bits=(2, 0))
@@ -19,6 +20,8 @@ class Bench:
 
     wraps_at: int | None = None
     exposure_ms = 5.0
+    awaits_trigger = False
+    again: Again = "frame"
 
     def __init__(self, delay_s: float, frame_s: float, bright: int = 200) -> None:
         self.time_s, self.delay_s, self.frame_s = 0.0, delay_s, frame_s
