@@ -47,6 +47,7 @@ setup-test: .venv/installed-test system-test
 system-test:
 	@sh .ci/system-packages
 	@sh .ci/node-packages
+	@sh .ci/octoprint
 
 clean:
 	rm -rf .venv demo-out build dist

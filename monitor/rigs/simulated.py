@@ -16,6 +16,7 @@ from .exposure import Light, Profiles, expose, profiles
 from .faults import FAULTS, LIGHT, MOVED_MM, harm, raise_fault
 from .optics_model import Optics, paper_optics, small_motion
 from .ray_march import look
+from .stages.simulated import SimulatedStage
 
 __all__ = ["SimulatedRig", "sample_motion"]
 
@@ -111,13 +112,14 @@ class SimulatedRig:
         self._seed = seed
         self._faults = dict(faults or {})
         self._visits = 0
-        self._stage: _Stage | None = None
+        self._scenery: _Scenery | None = None
+        self._stage: SimulatedStage | None = None
         self._lines: tuple[PatternSet, Profiles] | None = None
 
     def open(self) -> None:
         """Lay the scene under the optics; what does not change from visit to visit is computed here."""
-        if self._stage is None:
-            self._stage = _Stage(self._scene, paper_optics(self._camera_size), self._seed)
+        if self._scenery is None:
+            self._scenery = _Scenery(self._scene, paper_optics(self._camera_size), self._seed)
 
     def capture(self, patterns: PatternSet, at: Instant) -> Frames:
         """Show the scene as it is at that time; the frames bear that time.
@@ -127,8 +129,10 @@ class SimulatedRig:
         CaptureError, DeviceUnavailable
             As asked for by `faults`; CaptureError too if the rig is not open.
         """
-        if self._stage is None:
+        if self._scenery is None:
             raise CaptureError("simulated rig: not open; call open() before capture()")
+        if self._stage is not None:
+            self._scenery.carry(self._scene, self._stage.sample_mm)
         fault = self._faults.get(self._visits)
         self._visits += 1
         raise_fault(fault)
@@ -153,11 +157,15 @@ class SimulatedRig:
         shift_mm: tuple[float, float, float],
     ) -> Frames:
         """Capture as `capture` does, of a scene that somebody tilted and shifted: how a board is shown in poses."""
-        if self._stage is None:
+        if self._scenery is None:
             raise CaptureError("simulated rig: not open; call open() before capture_posed()")
         chance = _chance(self._seed, at)
         lies = small_motion(tilt_deg, shift_mm)
         return Frames(self._frames(patterns, 0.0, lies, chance), at, patterns, self._exposure_ms)
+
+    def carried_by(self, stage: SimulatedStage) -> None:
+        """Let a stage carry the sample: the rig looks at what lies before it at each capture."""
+        self._stage = stage
 
     def set_exposure(self, exposure_ms: float) -> None:
         """Expose the next captures so long."""
@@ -165,7 +173,7 @@ class SimulatedRig:
 
     def close(self) -> None:
         """Let go of the arrays; the rig may be opened again."""
-        self._stage = None
+        self._scenery = None
 
     def _frames(
         self,
@@ -175,9 +183,9 @@ class SimulatedRig:
         chance: np.random.Generator,
         power: float = 1.0,
     ) -> npt.NDArray[np.uint8]:
-        stage = self._stage
-        assert stage is not None
-        here = Optics(stage.optics.camera.moved(lies), stage.optics.projector.moved(lies))
+        scenery = self._scenery
+        assert scenery is not None
+        here = Optics(scenery.optics.camera.moved(lies), scenery.optics.projector.moved(lies))
         if patterns.size != here.projector.lens.size:
             columns, rows = here.projector.lens.size
             raise CaptureError(
@@ -187,18 +195,18 @@ class SimulatedRig:
         if self._lines is None or self._lines[0] != patterns:
             self._lines = (patterns, profiles(patterns, here))
         view = look(
-            stage.ground.height(elapsed_h).astype(np.float32),
-            stage.ground.albedo(elapsed_h).astype(np.float32),
-            stage.origin_mm,
-            stage.pitch_mm,
-            stage.rays,
+            scenery.ground.height(elapsed_h).astype(np.float32),
+            scenery.ground.albedo(elapsed_h).astype(np.float32),
+            scenery.origin_mm,
+            scenery.pitch_mm,
+            scenery.rays,
             here,
         )
         count = len(patterns.roles)
         strength = 255 * power * self._exposure_ms / FULL_LIGHT_MS * (1 + chance.normal(0, self._flicker, count))
         room = self._room_light * (1 + 0.15 * np.sin(np.linspace(0, 2.5, count) + chance.uniform(0, 6.28)))
         light = Light(strength.astype(np.float32), room.astype(np.float32))
-        return expose(view, here, self._lines[1], light, stage.noise, int(chance.integers(len(stage.noise))))
+        return expose(view, here, self._lines[1], light, scenery.noise, int(chance.integers(len(scenery.noise))))
 
 
 def sample_motion(at: Instant, *, seed: int = 1, drift_mm: float = DRIFT_MM) -> npt.NDArray[np.float64]:
@@ -216,7 +224,7 @@ def _lying(chance: np.random.Generator, drift_mm: float) -> npt.NDArray[np.float
     return small_motion((tilt[0], tilt[1], tilt[2]), (x, y, chance.normal(0, drift_mm / 2)))
 
 
-class _Stage:
+class _Scenery:
     """What stays from visit to visit: the optics, the ground on a raster, the camera's rays, a stretch of noise."""
 
     optics: Optics
@@ -230,8 +238,15 @@ class _Stage:
         self.pitch_mm = float(np.clip(0.75 * pixel_mm, 0.008, 0.02))
         half_y = HALF_FIELD_MM
         half_x = min(HALF_FIELD_MM * columns / rows, 8.6)  # beyond, the projector does not reach
-        x = np.arange(-half_x, half_x, self.pitch_mm)
-        y = np.arange(-half_y, half_y, self.pitch_mm)
-        self.origin_mm = (float(x[0]), float(y[0]))
-        self.ground = scene.at(x[None, :], y[:, None])
+        self._x = np.arange(-half_x, half_x, self.pitch_mm)
+        self._y = np.arange(-half_y, half_y, self.pitch_mm)
+        self.origin_mm = (float(self._x[0]), float(self._y[0]))
+        self._carried_mm = (0.0, 0.0)
+        self.ground = scene.at(self._x[None, :], self._y[:, None])
         self.noise = np.random.default_rng([seed, 8]).standard_normal(1 << 18).astype(np.float32)
+
+    def carry(self, scene: Scene, to_mm: tuple[float, float]) -> None:
+        """Shift the sample: another part of it lies in the field of view."""
+        if to_mm != self._carried_mm:
+            self._carried_mm = to_mm
+            self.ground = scene.at((self._x - to_mm[0])[None, :], (self._y - to_mm[1])[:, None])
