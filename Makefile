@@ -48,6 +48,7 @@ system-test:
 	@sh .ci/system-packages
 	@sh .ci/node-packages
 	@sh .ci/octoprint
+	@sh .ci/gige
 
 clean:
 	rm -rf .venv demo-out build dist

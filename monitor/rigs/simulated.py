@@ -13,7 +13,7 @@ from pipelines import Frames, Instant, PatternSet, parse_instant
 from pipelines.scenes import SCENES, Ground, Scene
 
 from .exposure import Light, Profiles, expose, profiles
-from .faults import FAULTS, LIGHT, MOVED_MM, harm, raise_fault
+from .faults import MOVED_MM, faults_of, harm, light_of, raise_fault
 from .optics_model import Optics, paper_optics, small_motion
 from .ray_march import look
 from .stages.simulated import SimulatedStage
@@ -56,10 +56,10 @@ class SimulatedRig:
         Standard deviation of where the sample lies at each visit, sideways; half of it in height.
     seed : int
         The same seed and time give the same frames.
-    faults : mapping of int to str, optional
+    faults : mapping of int to str or list of str, optional
         By number of the visit, from 0, since the rig was made: ``dropped`` (a frame is missing, CaptureError),
         ``unplugged`` in the middle of the capture (DeviceUnavailable), and what only the frames can tell: ``repeated``,
-        ``slipped``, ``late``, ``swapped``, ``dark``, ``saturated``, ``moved``.
+        ``slipped``, ``late``, ``swapped``, ``dark``, ``saturated``, ``moved``. Those of a list come together.
 
     Raises
     ------
@@ -80,7 +80,7 @@ class SimulatedRig:
         room_light: float = 9.0,
         drift_mm: float = DRIFT_MM,
         seed: int = 1,
-        faults: Mapping[int, str] | None = None,
+        faults: Mapping[int, str | Sequence[str]] | None = None,
     ) -> None:
         if scene not in SCENES:
             raise InputError(f"rig option scene: no scene {scene!r}; there are {', '.join(SCENES)}")
@@ -96,9 +96,10 @@ class SimulatedRig:
         for name, value in (("flicker", flicker), ("room_light", room_light), ("drift_mm", drift_mm)):
             if not (np.isfinite(value) and value >= 0):
                 raise InputError(f"rig option {name}: must not be below 0, not {value}")
-        for fault in (faults or {}).values():
-            if fault not in FAULTS:
-                raise InputError(f"rig option faults: no fault {fault!r}; there are {', '.join(FAULTS)}")
+        try:
+            self._faults = {visit: faults_of(given) for visit, given in (faults or {}).items()}
+        except ValueError as error:
+            raise InputError(f"rig option faults: {error}") from None
         try:
             self._started = None if started is None else parse_instant(str(started), "UTC")
         except ValueError as error:
@@ -110,7 +111,6 @@ class SimulatedRig:
         self._room_light = room_light
         self._drift_mm = drift_mm
         self._seed = seed
-        self._faults = dict(faults or {})
         self._visits = 0
         self._scenery: _Scenery | None = None
         self._stage: SimulatedStage | None = None
@@ -133,21 +133,21 @@ class SimulatedRig:
             raise CaptureError("simulated rig: not open; call open() before capture()")
         if self._stage is not None:
             self._scenery.carry(self._scene, self._stage.sample_mm)
-        fault = self._faults.get(self._visits)
+        suffers = self._faults.get(self._visits, ())
         self._visits += 1
-        raise_fault(fault)
+        raise_fault(suffers)
         if self._started is None:
             self._started = at
         elapsed_h = float((at - self._started) / HOURS) * self._pace
         chance = _chance(self._seed, at)
         lies = _lying(chance, self._drift_mm)
-        stack = self._frames(patterns, elapsed_h, lies, chance, LIGHT.get(fault or "", 1.0))
-        if fault == "moved":
+        stack = self._frames(patterns, elapsed_h, lies, chance, light_of(suffers))
+        if "moved" in suffers:
             pushed = lies.copy()
             pushed[:, 3] += MOVED_MM * np.array([0.8, 0.6, 0.0])
             half = len(stack) // 2
-            stack[half:] = self._frames(patterns, elapsed_h, pushed, chance)[half:]
-        return Frames(harm(stack, fault, chance), at, patterns, self._exposure_ms)
+            stack[half:] = self._frames(patterns, elapsed_h, pushed, chance, light_of(suffers))[half:]
+        return Frames(harm(stack, suffers, chance), at, patterns, self._exposure_ms)
 
     def capture_posed(
         self,

@@ -8,6 +8,7 @@ from .base import Camera, FrameLost, Image, Shot, lost_between
 from .basler import BaslerCamera
 from .gige import GigECamera
 from .micromanager import MicroManagerCamera
+from .uvc import UvcCamera
 
 __all__ = ["CAMERAS", "Camera", "FrameLost", "Image", "Shot", "lost_between"]
 
@@ -15,5 +16,6 @@ CAMERAS: dict[str, Callable[..., Camera]] = {
     "basler": BaslerCamera,
     "gige": GigECamera,
     "micromanager": MicroManagerCamera,
+    "uvc": UvcCamera,
 }
 """Every kind of camera by name; each is made from plain keywords, the rig's option ``camera``."""
