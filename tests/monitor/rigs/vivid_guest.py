@@ -39,7 +39,7 @@ echo "guest ended with $?"
 """
 
 
-def run_with_vivid(command: str, folder: Path, timeout_s: float = 900.0) -> str:
+def run_with_vivid(command: str, folder: Path, timeout_s: float = 1800.0) -> str:
     """Run a shell command in the guest; give all that it said. Skips where there is no qemu, or no package."""
     qemu = shutil.which("qemu-system-x86_64")
     if qemu is None:
@@ -55,17 +55,17 @@ def run_with_vivid(command: str, folder: Path, timeout_s: float = 900.0) -> str:
     machine = ["-machine", "q35,accel=tcg", "-cpu", "max", "-m", "1500", "-smp", "2", "-nic", "none"]
     machine += ["-display", "none", "-no-reboot"]
     started = ["-kernel", str(image), "-initrd", str(folder / "initrd"), "-append", "console=ttyS0 quiet panic=-1"]
-    done = subprocess.run(
-        [qemu, *machine, *started, "-virtfs", share, "-serial", "stdio", "-monitor", "none"],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        errors="replace",
-        timeout=timeout_s,
-        check=False,
-    )
-    return done.stdout
+    log = folder / "guest.log"  # a file: what it said is there to read where it does not end in time
+    with log.open("wb") as said:
+        subprocess.run(
+            [qemu, *machine, *started, "-virtfs", share, "-serial", "stdio", "-monitor", "none"],
+            stdin=subprocess.DEVNULL,
+            stdout=said,
+            stderr=subprocess.STDOUT,
+            timeout=timeout_s,
+            check=False,
+        )
+    return log.read_text(errors="replace")
 
 
 def _unpacked(package: str, folder: Path) -> Path:
