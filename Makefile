@@ -58,6 +58,8 @@ setup-test: .venv/installed-test system-test
 system-test:
 	@sh .ci/system-packages
 	@sh .ci/node-packages
+	@sh .ci/octoprint
+	@sh .ci/gige
 
 clean:
 	rm -rf .venv demo-out docs/_build docs/reference build dist

@@ -6,6 +6,7 @@ from .errors import CaptureError, ConfigError, DeviceUnavailable, InputError, Mi
 
 if TYPE_CHECKING:
     from .alarm import Alarm
+    from .area import Area
     from .campaign import CalibrationSource, Campaign, RigSettings, Site
     from .environment import Environment
     from .exposure import AutoExposure
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Adaptive",
     "Alarm",
+    "Area",
     "AutoExposure",
     "CalibrationSource",
     "Campaign",
@@ -50,6 +52,7 @@ __all__ = [
 
 _LATER = {
     "alarm": ("Alarm",),
+    "area": ("Area",),
     "campaign": ("CalibrationSource", "Campaign", "RigSettings", "Site"),
     "environment": ("Environment",),
     "exposure": ("AutoExposure",),

@@ -24,6 +24,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, PydanticCustomError
 
 from .alarm import Alarm
+from .area import Area
 from .environment import Environment
 from .exposure import AutoExposure
 from .notify import Notifies
@@ -246,6 +247,9 @@ class Campaign(Settings):
     )
     report: Reports | None = Field(
         default=None, description="Reports that the campaign writes by itself: daily, weekly, on alarm."
+    )
+    area: Area | None = Field(
+        default=None, description="A stage that carries the sample, for `microrelief area`; scheduled scans ignore it."
     )
     notify: Notifies = Field(default=(), description="Who is told of alarms, missing data, a lost device, a full disk.")
 

@@ -14,7 +14,7 @@ from pipelines.change import METRICS
 from storage import STORES
 
 from .alarms import rule_of
-from .rigs import RIGS, make_rig, rig_options
+from .rigs import RIGS, STAGES, make_rig, make_stage, rig_options
 from .scheduler import check_cron
 
 __all__ = ["campaign_schema", "load_checked"]
@@ -73,6 +73,11 @@ def _problems(campaign: Campaign) -> Iterator[Problem]:
             rule_of(alarm)
         except ValueError as error:
             yield ("alarms", index), str(error)
+    if campaign.area is not None:
+        try:
+            make_stage(campaign.area.stage)
+        except InputError as error:
+            yield ("area", "stage"), str(error).removeprefix("area.stage: ")
     if campaign.calibration.simulated and campaign.rig.name != "simulated":
         text = f"only the simulated rig can calibrate itself, not {campaign.rig.name!r}: give file: calibration.json"
         yield ("calibration", "simulated"), text
@@ -139,6 +144,7 @@ def campaign_schema() -> dict[str, Any]:
         for name in RIGS
     ]
     parts["StoreSettings"]["properties"]["kind"]["enum"] = list(STORES)
+    parts["Area"]["properties"]["stage"] |= {"properties": {"kind": {"enum": list(STAGES)}}, "required": ["kind"]}
     parts["Alarm"]["properties"]["metric"]["enum"] = list(METRICS)
     schema["properties"]["metrics"]["items"] = {
         "anyOf": [{"const": name, "description": f"{metric.title}, {metric.unit}"} for name, metric in METRICS.items()]

@@ -28,6 +28,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "calibrate": ("calibrate:calibrate", "Calibrate a rig from captures of a board."),
     "diagnose": ("diagnose:diagnose", "Say what is wrong with a capture, and how to mend it."),
     "reconstruct": ("reconstruct:reconstruct", "Turn one capture into a height map."),
+    "area": ("area:area", "Scan an area larger than one field of view, tile by tile, with a stage."),
     "mosaic": ("mosaic:mosaic", "Stitch the tiles of a scanning stage into one height map."),
     "merge": ("merge:merge", "Merge views of one object from several sides."),
     "compare": ("compare:compare", "Say what changed between two height maps, and how surely."),

@@ -19,8 +19,10 @@ from uuid import uuid4
 
 import numpy as np
 
-from configs import Environment, InputError
+from configs import Environment
 from pipelines import ENVIRONMENT, Event, Instant, Measurement, Scan, Tick, parse_instant
+
+from .extras import load_extra
 
 __all__ = ["SOURCES", "Reading", "Sensor", "make_sensor", "source_of", "units_of"]
 
@@ -182,13 +184,9 @@ class MqttTopic:
 
     def open(self) -> None:
         """Connect in the background, and again whenever the connection breaks."""
-        try:
-            from paho.mqtt.client import Client, topic_matches_sub
-            from paho.mqtt.enums import CallbackAPIVersion
-        except ImportError:
-            raise InputError("environment.mqtt needs paho-mqtt: `pip install microrelief[mqtt]`") from None
+        mqtt = load_extra("paho.mqtt.client", "mqtt", "environment.mqtt")
         address = urlsplit(self._url)
-        client = Client(CallbackAPIVersion.VERSION2, client_id=f"microrelief-{uuid4().hex[:12]}")
+        client = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2, client_id=f"microrelief-{uuid4().hex[:12]}")
         if address.scheme == "mqtts":
             client.tls_set()
         user = os.environ.get("MICRORELIEF_MQTT_USER")
@@ -201,7 +199,7 @@ class MqttTopic:
             client.subscribe(topic)
 
         def arrived(client: Any, data: Any, message: Any) -> None:
-            if topic_matches_sub(topic, message.topic):  # a broker's slip must not become a temperature
+            if mqtt.topic_matches_sub(topic, message.topic):  # a broker's slip must not become a temperature
                 self._message = (time.monotonic(), message.payload)
                 self._arrived.set()
 

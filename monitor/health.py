@@ -5,7 +5,7 @@ from __future__ import annotations
 import platform
 import shutil
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from importlib import import_module, metadata
@@ -72,10 +72,7 @@ def check_machine() -> Iterator[Finding]:
 def check_campaign(campaign: Campaign) -> Iterator[Finding]:
     """Look whether a campaign's rig opens, its calibration is there and its store can be opened and has room."""
     patterns = read_pattern_set(campaign)
-    yield _try("rig", lambda: _open_rig(campaign), "see the message; `microrelief run` would wait for it with code 75")
-    if campaign.rig.name == "devices" and _projects(campaign):
-        mend = "let the projector alone light what the camera looks at; then give rig option settle_ms"
-        yield _try("projector", lambda: _delay_told(campaign, patterns), mend)
+    yield from _look_at_rig(campaign, patterns)
     file = campaign.calibration.file
     if file is None:
         kept = simulated_calibration_file(campaign, patterns)
@@ -172,34 +169,36 @@ def _clock() -> Finding:
 def _try(what: str, look: Callable[[], str], mend: str) -> Finding:
     try:
         return Finding("ok", what, look())
-    except (MicroreliefError, OSError, ValueError) as error:
-        return Finding("wrong", what, str(error), mend)
-    except ImportError as error:
-        return Finding("wrong", what, missing_library(error), mend)
+    except TROUBLE as error:
+        return _wrong(what, error, mend)
 
 
-def _open_rig(campaign: Campaign) -> str:
-    rig = make_rig(campaign.rig.name, campaign.rig.options)
-    began = time.perf_counter()
-    rig.open()
-    rig.close()
-    return f"{campaign.rig.name} opens in {time.perf_counter() - began:.1f} s"
+TROUBLE = (MicroreliefError, OSError, ValueError, ImportError)
 
 
-def _projects(campaign: Campaign) -> bool:
-    """Whether the projector is ours to show something with."""
-    projector = campaign.rig.options.get("projector")
-    return isinstance(projector, Mapping) and projector.get("kind") != "external"
+def _wrong(what: str, error: Exception, mend: str) -> Finding:
+    return Finding("wrong", what, missing_library(error) if isinstance(error, ImportError) else str(error), mend)
 
 
-def _delay_told(campaign: Campaign, patterns: PatternSet) -> str:
-    """Measure how late the projector's light follows, beside what the campaign waits."""
-    rig = DevicesRig(**campaign.rig.options)
-    rig.open()
+def _look_at_rig(campaign: Campaign, patterns: PatternSet) -> Iterator[Finding]:
+    """Open the rig, once, and measure how late its projector's light follows, where that is ours to measure."""
     try:
-        delay = measure_delay(rig, patterns)
-    finally:
-        rig.close()
+        rig = make_rig(campaign.rig.name, campaign.rig.options)
+        began = time.perf_counter()
+        rig.open()
+    except TROUBLE as error:
+        yield _wrong("rig", error, "see the message; `microrelief run` would wait for it with code 75")
+        return
+    with closing(rig):
+        yield Finding("ok", "rig", f"{campaign.rig.name} opens in {time.perf_counter() - began:.1f} s")
+        if isinstance(rig, DevicesRig) and rig.projector.again == "frame":
+            mend = "let the projector alone light what the camera looks at; then give rig option settle_ms"
+            yield _try("projector", lambda: _delay_told(rig, patterns), mend)
+
+
+def _delay_told(rig: DevicesRig, patterns: PatternSet) -> str:
+    """Measure how late the projector's light follows, beside what the campaign waits."""
+    delay = measure_delay(rig, patterns)
     seen = f"its light follows after {delay.least_ms:.0f} to {delay.most_ms:.0f} ms"
     given_ms = rig.settle_s * 1000.0
     if given_ms < delay.most_ms:

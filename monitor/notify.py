@@ -21,6 +21,7 @@ from pipelines import Instant, format_instant
 from storage import Store, full_at, used_bytes
 
 from .conditions import Message, changes, observed
+from .extras import load_extra
 from .outbox import Outbox, Pending
 from .settled import Settled
 
@@ -86,10 +87,7 @@ def read_targets(rule: Notify) -> Targets:
     addresses = tuple(line for line in lines if line and not line.startswith("#"))
     if not addresses:
         raise InputError(f"notify: {who} holds no address: write Apprise URLs into it, one a line")
-    try:
-        make = _apprise()
-    except ImportError:
-        raise InputError("notify needs apprise: `pip install 'microrelief[notify]'`") from None
+    make = _apprise()
     for number, address in enumerate(addresses, start=1):
         if not make().add(address):
             kind = address.partition("://")[0] if "://" in address else "no ://"
@@ -100,10 +98,9 @@ def read_targets(rule: Notify) -> Targets:
 @cache
 def _apprise() -> Any:
     """Load Apprise, once, and keep it quiet: what it says may hold an address."""
+    Apprise = load_extra("apprise", "notify", "notify").Apprise
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # a plugin of it imports what Python will drop
-        from apprise import Apprise
-
         Apprise.instantiate("json://localhost")  # loads its plugins, all of them
     quiet = logging.getLogger("apprise")
     quiet.handlers[:], quiet.propagate = [logging.NullHandler()], False

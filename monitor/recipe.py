@@ -137,7 +137,7 @@ def masks_of(campaign: Campaign, grid: Grid) -> tuple[Mask, Mask]:
 def campaign_hash(campaign: Campaign, patterns: PatternSet) -> str:
     """Hash of everything in a campaign that numbers depend on: not of where its files lie."""
     settings = campaign.model_dump(
-        mode="json", by_alias=True, exclude={"store", "patterns", "calibration", "notify", "report"}
+        mode="json", by_alias=True, exclude={"store", "patterns", "calibration", "notify", "report", "area"}
     )
     return _hash({**settings, "patterns": patterns.as_mapping()})
 

@@ -18,7 +18,7 @@ from configs import Campaign, Reports
 from pipelines import Instant, alarm_changes, as_datetime
 from storage import Store
 
-from .loop import Settled
+from .settled import Settled
 
 __all__ = ["Reporter", "reporter_of"]
 

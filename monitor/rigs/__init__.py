@@ -9,20 +9,25 @@ from .base import Rig
 from .board_poses import BOARD, calibration_captures
 from .delay import Delay, measure_delay
 from .devices import DevicesRig
-from .parts import make_part, option_names
+from .parts import make_from_kind, make_part, option_names
 from .replay import ReplayRig
 from .simulated import SimulatedRig
+from .stages import STAGES, SimulatedStage, Stage
 
 __all__ = [
     "BOARD",
     "RIGS",
+    "STAGES",
     "Delay",
     "DevicesRig",
     "ReplayRig",
     "Rig",
     "SimulatedRig",
+    "SimulatedStage",
+    "Stage",
     "calibration_captures",
     "make_rig",
+    "make_stage",
     "measure_delay",
     "rig_options",
 ]
@@ -38,6 +43,11 @@ RIGS: dict[str, Callable[..., Rig]] = {
 def rig_options(name: str) -> tuple[str, ...]:
     """Name the options of a kind of rig. Raises KeyError where there is no such kind."""
     return option_names(RIGS[name])
+
+
+def make_stage(options: Mapping[str, Any]) -> Stage:
+    """Make a stage from its kind and options. Raises InputError as `make_rig` does."""
+    return make_from_kind("stage", STAGES, options, "area.")
 
 
 def make_rig(name: str, options: Mapping[str, Any]) -> Rig:

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from configs import CaptureError
+from configs import CaptureError, InputError
 from pipelines import Frames, Instant, PatternSet
 
-from .cameras import CAMERAS, Camera, FrameLost, Shot, lost_between
+from .cameras import CAMERAS, Camera, FrameLost, Image, Shot, lost_between
 from .parts import make_from_kind
 from .projectors import PROJECTORS, Projector
 
@@ -22,9 +22,9 @@ __all__ = ["DevicesRig"]
 class DevicesRig:
     """One camera and one projector: for each pattern it shows it, waits until it is lit, and takes one frame.
 
-    A frame that came damaged or not at all is taken again while its pattern still stands; the capture says so. Frames
-    that the device made and that never arrived are seen by its own count. That pattern k is in frame k is proved
-    from the frames themselves afterwards, by what `diagnose` looks at.
+    A frame that came damaged or not at all is taken again while its pattern still stands; where the projector plays by
+    itself, the whole capture is. The capture says so. Frames that the device made and that never arrived are seen by
+    its own count. That pattern k is in frame k is proved from the frames themselves, by what `diagnose` looks at.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class DevicesRig:
     settle_ms : float
         Wait between showing a pattern and triggering: the delay of screen and projector. `doctor` measures it.
     retries : int
-        How often one frame may be taken again before the capture fails.
+        How often one frame, or the capture, may be taken again before the capture fails.
 
     Raises
     ------
@@ -61,6 +61,11 @@ class DevicesRig:
         self._retries = retries
         self.make_stack: Callable[..., npt.NDArray[Any]] = np.empty
         self._open = False
+        if self.projector.again == "capture" and not self.camera.awaits_trigger:
+            raise InputError(
+                "rig option camera: the projector plays its patterns by itself and pulls a line at each: wire that to "
+                "the camera's trigger input, and name it, such as trigger: Line1"
+            )
 
     def open(self) -> None:
         """Take hold of both devices.
@@ -93,9 +98,23 @@ class DevicesRig:
         if not self._open:
             raise CaptureError("devices rig: not open; call open() before capture()")
         self.projector.load(patterns)
-        self.camera.start()
         remarks: list[str] = []
-        stack = None
+        rounds = self._retries if self.projector.again == "capture" else 0
+        for attempt in range(rounds + 1):
+            try:
+                stack = self._take_all(patterns, remarks)
+            except FrameLost as lost:
+                if attempt == rounds:
+                    raise CaptureError(f"devices rig: {lost}") from None
+                remarks.append(f"the capture was taken again: {lost}")
+            else:
+                return Frames(stack, at, patterns, self.camera.exposure_ms, tuple(remarks))
+        raise AssertionError("unreachable: the last round returns or raises")
+
+    def _take_all(self, patterns: PatternSet, remarks: list[str]) -> Image:
+        """All frames in their order, shape (frame, row, column); `remarks` is added to. Raises FrameLost."""
+        self.camera.start()
+        stack: Image | None = None
         count: int | None = None
         for frame, role in enumerate(patterns.roles):
             self.projector.show(frame)
@@ -109,7 +128,7 @@ class DevicesRig:
                 raise CaptureError(f"devices rig: frame {frame} has another size or depth than those before it")
             stack[frame] = shot.image
         assert stack is not None  # a pattern set has at least one frame
-        return Frames(stack, at, patterns, self.camera.exposure_ms, tuple(remarks))
+        return stack
 
     def close(self) -> None:
         """Let both devices go; harmless if not open."""
@@ -118,18 +137,22 @@ class DevicesRig:
         self.projector.close()
 
     def _take(self, what: str, before: int | None, remarks: list[str]) -> Shot:
-        """One frame, taken again where it was lost; `remarks` is added to."""
-        for attempt in range(self._retries + 1):
+        """One frame, taken again where it was lost and its pattern still stands; `remarks` is added to."""
+        tries = self._retries if self.projector.again == "frame" else 0
+        for attempt in range(tries + 1):
             try:
                 shot = self.camera.take()
             except FrameLost as lost:
-                if attempt == self._retries:
-                    raise CaptureError(f"devices rig: {what}, {_times(attempt + 1)}: {lost}") from None
+                if attempt == tries:
+                    raise FrameLost(f"{what}, {_times(attempt + 1)}: {lost}") from None
                 remarks.append(f"{what} was taken again: {lost}")
                 continue
             missing = lost_between(before, shot.number, self.camera.wraps_at)
             if missing > attempt:  # those that this frame's own tries lost are said already
-                remarks.append(f"{_times(missing - attempt, 'frame')} lost before {what}, by the camera's own count")
+                told = f"{_times(missing - attempt, 'frame')} lost before {what}, by the camera's own count"
+                if self.projector.again != "frame":  # the patterns went on: this frame shows a later one
+                    raise FrameLost(told)
+                remarks.append(told)
             return shot
         raise AssertionError("unreachable: the last try returns or raises")
 

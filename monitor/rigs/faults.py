@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from math import prod
 
 import numpy as np
 import numpy.typing as npt
 
 from configs import CaptureError, DeviceUnavailable
 
-__all__ = ["FAULTS", "LIGHT", "MOVED_MM", "harm", "raise_fault"]
+__all__ = ["FAULTS", "MOVED_MM", "faults_of", "harm", "light_of", "raise_fault"]
 
 Stack = npt.NDArray[np.uint8]
 
@@ -62,23 +63,45 @@ FAULTS = (*RAISED, *HARMS, *LIGHT, "moved")
 """Every fault; `moved` is a sample pushed in the middle of a capture."""
 
 
-def raise_fault(name: str | None) -> None:
-    """Raise what a driver would; nothing for a fault that it does not notice."""
-    if name in RAISED:
-        raise type(RAISED[name])(*RAISED[name].args)
+def faults_of(given: object) -> tuple[str, ...]:
+    """Read what one visit is asked to suffer: a fault, or a list of them that come together.
+
+    Raises
+    ------
+    ValueError
+        There is no such fault.
+    """
+    names = tuple(given) if isinstance(given, list | tuple) else (given,)
+    for name in names:
+        if name not in FAULTS:
+            raise ValueError(f"no fault {name!r}; there are {', '.join(FAULTS)}")
+    return names
 
 
-def harm(stack: Stack, name: str | None, chance: np.random.Generator) -> Stack:
-    """Do to the frames of one capture what the fault does; nothing where it is none of these.
+def raise_fault(names: Sequence[str]) -> None:
+    """Raise what a driver would; nothing for faults that it does not notice."""
+    for name in names:
+        if name in RAISED:
+            raise type(RAISED[name])(*RAISED[name].args)
+
+
+def light_of(names: Sequence[str]) -> float:
+    """Power of the light against the usual."""
+    return prod(LIGHT.get(name, 1.0) for name in names)
+
+
+def harm(stack: Stack, names: Sequence[str], chance: np.random.Generator) -> Stack:
+    """Do to the frames of one capture what the faults do, one after the other; nothing where they harm no order.
 
     Parameters
     ----------
     stack : ndarray of uint8, shape (frame, row, column)
         White and black first.
-    name : str or None
+    names : sequence of str
     chance : Generator
-        Chooses the place of the harm, among the patterns' frames.
+        Chooses the place of each harm, among the patterns' frames.
     """
-    if name not in HARMS:
-        return stack
-    return np.ascontiguousarray(HARMS[name](stack, int(chance.integers(4, max(5, len(stack) - 8)))))
+    for name in names:
+        if name in HARMS:
+            stack = np.ascontiguousarray(HARMS[name](stack, int(chance.integers(4, max(5, len(stack) - 8)))))
+    return stack

@@ -56,24 +56,35 @@ def make_part(what: str, registry: Mapping[str, Callable[..., Part]], name: str,
         raise InputError(f"{what} options of {name}: {error}") from None
 
 
-def make_from_kind(what: str, registry: Mapping[str, Callable[..., Part]], options: object) -> Part:
-    """Make a part of a rig from one option of that rig: a mapping with ``kind`` beside the part's own options.
+def make_from_kind(
+    what: str, registry: Mapping[str, Callable[..., Part]], options: object, where: str = "rig option "
+) -> Part:
+    """Make a part from a mapping that holds its ``kind`` beside its own options.
+
+    Parameters
+    ----------
+    what : str
+        What kind of part, which is also the key under which the user wrote it.
+    registry : mapping of str to callable
+    options : mapping
+    where : str
+        Where that key stands, as messages begin.
 
     Raises
     ------
     InputError
-        As `make_part`, said as a problem of the rig's option `what`, which is where the user wrote it.
+        As `make_part`, said as a problem of that key.
     """
     if not isinstance(options, Mapping) or "kind" not in options:
         raise InputError(
-            f"rig option {what}: give its kind and options, such as {{kind: {next(iter(registry))}}}; "
+            f"{where}{what}: give its kind and options, such as {{kind: {next(iter(registry))}}}; "
             f"there are {', '.join(registry)}"
         )
     own = {str(key): value for key, value in options.items() if key != "kind"}
     try:
         return make_part(what, registry, str(options["kind"]), own)
     except InputError as error:
-        raise InputError(f"rig option {what}: {error}") from None
+        raise InputError(f"{where}{what}: {error}") from None
 
 
 def _meant(word: str, known: Iterable[str]) -> str:

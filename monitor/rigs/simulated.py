@@ -13,9 +13,10 @@ from pipelines import Frames, Instant, PatternSet, parse_instant
 from pipelines.scenes import SCENES, Ground, Scene
 
 from .exposure import Light, Profiles, expose, profiles
-from .faults import FAULTS, LIGHT, MOVED_MM, harm, raise_fault
+from .faults import MOVED_MM, faults_of, harm, light_of, raise_fault
 from .optics_model import Optics, paper_optics, small_motion
 from .ray_march import look
+from .stages.simulated import SimulatedStage
 
 __all__ = ["SimulatedRig", "sample_motion"]
 
@@ -55,10 +56,10 @@ class SimulatedRig:
         Standard deviation of where the sample lies at each visit, sideways; half of it in height.
     seed : int
         The same seed and time give the same frames.
-    faults : mapping of int to str, optional
+    faults : mapping of int to str or list of str, optional
         By number of the visit, from 0, since the rig was made: ``dropped`` (a frame is missing, CaptureError),
         ``unplugged`` in the middle of the capture (DeviceUnavailable), and what only the frames can tell: ``repeated``,
-        ``slipped``, ``late``, ``swapped``, ``dark``, ``saturated``, ``moved``.
+        ``slipped``, ``late``, ``swapped``, ``dark``, ``saturated``, ``moved``. Those of a list come together.
 
     Raises
     ------
@@ -79,7 +80,7 @@ class SimulatedRig:
         room_light: float = 9.0,
         drift_mm: float = DRIFT_MM,
         seed: int = 1,
-        faults: Mapping[int, str] | None = None,
+        faults: Mapping[int, str | Sequence[str]] | None = None,
     ) -> None:
         if scene not in SCENES:
             raise InputError(f"rig option scene: no scene {scene!r}; there are {', '.join(SCENES)}")
@@ -95,9 +96,10 @@ class SimulatedRig:
         for name, value in (("flicker", flicker), ("room_light", room_light), ("drift_mm", drift_mm)):
             if not (np.isfinite(value) and value >= 0):
                 raise InputError(f"rig option {name}: must not be below 0, not {value}")
-        for fault in (faults or {}).values():
-            if fault not in FAULTS:
-                raise InputError(f"rig option faults: no fault {fault!r}; there are {', '.join(FAULTS)}")
+        try:
+            self._faults = {visit: faults_of(given) for visit, given in (faults or {}).items()}
+        except ValueError as error:
+            raise InputError(f"rig option faults: {error}") from None
         try:
             self._started = None if started is None else parse_instant(str(started), "UTC")
         except ValueError as error:
@@ -109,16 +111,16 @@ class SimulatedRig:
         self._room_light = room_light
         self._drift_mm = drift_mm
         self._seed = seed
-        self._faults = dict(faults or {})
         self._visits = 0
-        self._stage: _Stage | None = None
+        self._scenery: _Scenery | None = None
+        self._stage: SimulatedStage | None = None
         self._lines: tuple[PatternSet, Profiles] | None = None
         self.make_stack: Callable[..., npt.NDArray[Any]] = np.empty
 
     def open(self) -> None:
         """Lay the scene under the optics; what does not change from visit to visit is computed here."""
-        if self._stage is None:
-            self._stage = _Stage(self._scene, paper_optics(self._camera_size), self._seed)
+        if self._scenery is None:
+            self._scenery = _Scenery(self._scene, paper_optics(self._camera_size), self._seed)
 
     def capture(self, patterns: PatternSet, at: Instant) -> Frames:
         """Show the scene as it is at that time; the frames bear that time.
@@ -128,23 +130,25 @@ class SimulatedRig:
         CaptureError, DeviceUnavailable
             As asked for by `faults`; CaptureError too if the rig is not open.
         """
-        if self._stage is None:
+        if self._scenery is None:
             raise CaptureError("simulated rig: not open; call open() before capture()")
-        fault = self._faults.get(self._visits)
+        if self._stage is not None:
+            self._scenery.carry(self._scene, self._stage.sample_mm)
+        suffers = self._faults.get(self._visits, ())
         self._visits += 1
-        raise_fault(fault)
+        raise_fault(suffers)
         if self._started is None:
             self._started = at
         elapsed_h = float((at - self._started) / HOURS) * self._pace
         chance = _chance(self._seed, at)
         lies = _lying(chance, self._drift_mm)
-        stack = self._frames(patterns, elapsed_h, lies, chance, LIGHT.get(fault or "", 1.0))
-        if fault == "moved":
+        stack = self._frames(patterns, elapsed_h, lies, chance, light_of(suffers))
+        if "moved" in suffers:
             pushed = lies.copy()
             pushed[:, 3] += MOVED_MM * np.array([0.8, 0.6, 0.0])
             half = len(stack) // 2
-            stack[half:] = self._frames(patterns, elapsed_h, pushed, chance)[half:]
-        return Frames(harm(stack, fault, chance), at, patterns, self._exposure_ms)
+            stack[half:] = self._frames(patterns, elapsed_h, pushed, chance, light_of(suffers))[half:]
+        return Frames(harm(stack, suffers, chance), at, patterns, self._exposure_ms)
 
     def capture_posed(
         self,
@@ -154,11 +158,15 @@ class SimulatedRig:
         shift_mm: tuple[float, float, float],
     ) -> Frames:
         """Capture as `capture` does, of a scene that somebody tilted and shifted: how a board is shown in poses."""
-        if self._stage is None:
+        if self._scenery is None:
             raise CaptureError("simulated rig: not open; call open() before capture_posed()")
         chance = _chance(self._seed, at)
         lies = small_motion(tilt_deg, shift_mm)
         return Frames(self._frames(patterns, 0.0, lies, chance), at, patterns, self._exposure_ms)
+
+    def carried_by(self, stage: SimulatedStage) -> None:
+        """Let a stage carry the sample: the rig looks at what lies before it at each capture."""
+        self._stage = stage
 
     def set_exposure(self, exposure_ms: float) -> None:
         """Expose the next captures so long."""
@@ -166,7 +174,7 @@ class SimulatedRig:
 
     def close(self) -> None:
         """Let go of the arrays; the rig may be opened again."""
-        self._stage = None
+        self._scenery = None
 
     def _frames(
         self,
@@ -176,9 +184,9 @@ class SimulatedRig:
         chance: np.random.Generator,
         power: float = 1.0,
     ) -> npt.NDArray[np.uint8]:
-        stage = self._stage
-        assert stage is not None
-        here = Optics(stage.optics.camera.moved(lies), stage.optics.projector.moved(lies))
+        scenery = self._scenery
+        assert scenery is not None
+        here = Optics(scenery.optics.camera.moved(lies), scenery.optics.projector.moved(lies))
         if patterns.size != here.projector.lens.size:
             columns, rows = here.projector.lens.size
             raise CaptureError(
@@ -188,11 +196,11 @@ class SimulatedRig:
         if self._lines is None or self._lines[0] != patterns:
             self._lines = (patterns, profiles(patterns, here))
         view = look(
-            stage.ground.height(elapsed_h).astype(np.float32),
-            stage.ground.albedo(elapsed_h).astype(np.float32),
-            stage.origin_mm,
-            stage.pitch_mm,
-            stage.rays,
+            scenery.ground.height(elapsed_h).astype(np.float32),
+            scenery.ground.albedo(elapsed_h).astype(np.float32),
+            scenery.origin_mm,
+            scenery.pitch_mm,
+            scenery.rays,
             here,
         )
         count = len(patterns.roles)
@@ -200,7 +208,7 @@ class SimulatedRig:
         room = self._room_light * (1 + 0.15 * np.sin(np.linspace(0, 2.5, count) + chance.uniform(0, 6.28)))
         light = Light(strength.astype(np.float32), room.astype(np.float32))
         frames = self.make_stack((count, *view.lit.shape), np.uint8)
-        expose(view, here, self._lines[1], light, stage.noise, int(chance.integers(len(stage.noise))), frames)
+        expose(view, here, self._lines[1], light, scenery.noise, int(chance.integers(len(scenery.noise))), frames)
         return frames
 
 
@@ -219,7 +227,7 @@ def _lying(chance: np.random.Generator, drift_mm: float) -> npt.NDArray[np.float
     return small_motion((tilt[0], tilt[1], tilt[2]), (x, y, chance.normal(0, drift_mm / 2)))
 
 
-class _Stage:
+class _Scenery:
     """What stays from visit to visit: the optics, the ground on a raster, the camera's rays, a stretch of noise."""
 
     optics: Optics
@@ -233,8 +241,15 @@ class _Stage:
         self.pitch_mm = float(np.clip(0.75 * pixel_mm, 0.008, 0.02))
         half_y = HALF_FIELD_MM
         half_x = min(HALF_FIELD_MM * columns / rows, 8.6)  # beyond, the projector does not reach
-        x = np.arange(-half_x, half_x, self.pitch_mm)
-        y = np.arange(-half_y, half_y, self.pitch_mm)
-        self.origin_mm = (float(x[0]), float(y[0]))
-        self.ground = scene.at(x[None, :], y[:, None])
+        self._x = np.arange(-half_x, half_x, self.pitch_mm)
+        self._y = np.arange(-half_y, half_y, self.pitch_mm)
+        self.origin_mm = (float(self._x[0]), float(self._y[0]))
+        self._carried_mm = (0.0, 0.0)
+        self.ground = scene.at(self._x[None, :], self._y[:, None])
         self.noise = np.random.default_rng([seed, 8]).standard_normal(1 << 18).astype(np.float32)
+
+    def carry(self, scene: Scene, to_mm: tuple[float, float]) -> None:
+        """Shift the sample: another part of it lies in the field of view."""
+        if to_mm != self._carried_mm:
+            self._carried_mm = to_mm
+            self.ground = scene.at((self._x - to_mm[0])[None, :], (self._y - to_mm[1])[:, None])

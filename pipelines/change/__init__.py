@@ -20,7 +20,7 @@ from .objects import Expected, ObjectRule, StandingObject, find_objects
 from .plate_identity import NamedPlates, PlateMemory, name_plates
 from .plates import Plate, find_plates, rim_slope
 from .regions import polygon_mask
-from .register import register
+from .register import LEAST_CELLS, register
 from .repeatability import noise_model, repeat_pairs
 from .roughness import ROUGHNESS, Filters, filtered, roughness
 from .stable import largest_consensus
@@ -30,6 +30,7 @@ from .values import Change, Comparison, Measurement, Metric
 from .volume import Volumes, volumes
 
 __all__ = [
+    "LEAST_CELLS",
     "METRICS",
     "ROUGHNESS",
     "Change",

@@ -11,9 +11,11 @@ from .motion import Motion, Verdict
 from .move import apply_motion
 from .stable import Plane, fit_plane, largest_consensus, mean_plane
 
-__all__ = ["find_motion", "register"]
+__all__ = ["LEAST_CELLS", "find_motion", "register"]
 
 LEAST_OVERLAP = 0.3
+LEAST_CELLS = 50
+"""Ground of fewer measured cells tells no height and tilt: twice as many as share one error (below)."""
 LEAST_CONDITIONING = 0.02
 LEAST_CONSENSUS = 0.5
 TOLERABLE_RESIDUAL = 3.0, 8.0
@@ -65,8 +67,9 @@ def find_motion(
     ground = before if stable is None else before & stable
     overlap = float((ground & now).sum() / max(1, ground.sum()))
     nowhere = np.zeros(baseline.grid.shape, dtype=np.bool_)
-    if stable is not None and ground.sum() < 50:
-        return _failed(overlap, "the stable areas hold fewer than 50 measured cells of the baseline"), nowhere
+    if stable is not None and ground.sum() < LEAST_CELLS:
+        told = f"the stable areas hold fewer than {LEAST_CELLS} measured cells of the baseline"
+        return _failed(overlap, told), nowhere
     if overlap < LEAST_OVERLAP:
         return _failed(overlap, f"only {overlap:.0%} of the stable cells were measured again"), nowhere
 

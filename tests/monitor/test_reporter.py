@@ -13,7 +13,7 @@ import pytest
 
 from configs import ConfigError, Reports, parse_campaign
 from monitor.cli import run_tokens
-from monitor.loop import Settled
+from monitor.settled import Settled
 from monitor.recipe import campaign_hash, read_pattern_set
 from monitor.reporter import Reporter, reporter_of
 from pipelines import AlarmChange, AlarmState, Tick

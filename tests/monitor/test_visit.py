@@ -11,8 +11,9 @@ import pytest
 
 from configs import Alarm, CaptureError
 from monitor import visit as module
+from monitor.baseline import unfit
 from monitor.visit import Epoch, Recipe, visit
-from pipelines import LEVEL_NONE, Frames, Grid, Scan
+from pipelines import LEVEL_NONE, Event, Frames, Grid, Scan
 
 from .stand_ins import CALIBRATION, PATTERNS, T0, after
 
@@ -116,3 +117,32 @@ def test_frames_are_kept_only_where_the_campaign_retains_them(gives: list[Scan])
 def test_a_capture_that_would_give_wrong_heights_is_rejected_with_its_cause() -> None:
     with pytest.raises(CaptureError, match="capture rejected: underexposure: white is"):
         visit(FRAMES, RECIPE, None, T0)
+
+
+SATURATED = Event(T0, "note", "capture: saturation: 3 % of the bright pixels are at 255, where the camera clips")
+RETAKEN = Event(T0, "note", "capture: frame 7 (columns 2) was taken again: incompletely grabbed")
+MOVED = Event(T0, "note", "capture: movement during the capture: the second half lies 0.4 px beside the first")
+
+
+@pytest.mark.parametrize(
+    ("events", "why"),
+    [
+        ((), ""),
+        ((SATURATED, RETAKEN), ""),  # every capture of this rig says so: to wait for one without would be for ever
+        ((SATURATED, MOVED), "not good enough for a baseline: capture: movement during the capture"),
+    ],
+)
+def test_only_what_disturbed_this_one_capture_keeps_it_from_being_a_baseline(
+    events: tuple[Event, ...], why: str
+) -> None:
+    told = unfit(scan_at(0, relief()), events)
+    assert told.startswith(why)
+    assert bool(told) == bool(why)
+
+
+def test_a_small_sample_in_a_large_image_is_a_baseline_and_a_few_cells_are_not() -> None:
+    small = np.full(GRID.shape, np.nan, np.float32)
+    small[:20, :20] = 0.1  # 2 % of the grid
+    assert unfit(scan_at(0, small)) == ""
+    small[:, 2:] = np.nan
+    assert "40 cells of the grid were measured" in unfit(scan_at(0, small))

@@ -47,6 +47,11 @@ class Camera(Protocol):
     """After this count the device's frames begin again with 1; None: they never do."""
 
     @property
+    def awaits_trigger(self) -> bool:
+        """Whether a frame is taken when the projector pulls a line, and not when we ask for it."""
+        ...
+
+    @property
     def exposure_ms(self) -> float:
         """Exposure of the frames; NaN where the device does not say."""
         ...

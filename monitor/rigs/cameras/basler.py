@@ -9,8 +9,8 @@ import numpy as np
 
 from configs import DeviceUnavailable, InputError
 
+from ...extras import load_extra
 from .base import FrameLost, Shot, bits_of, check_timeout, to_full_range
-from .extra import load_extra
 
 __all__ = ["BaslerCamera"]
 
@@ -60,6 +60,11 @@ class BaslerCamera:
         self._features = dict(features or {})
         self._pylon: Any = None
         self._camera: Any = None
+
+    @property
+    def awaits_trigger(self) -> bool:
+        """Whether the projector's line triggers, not we."""
+        return self._trigger != "software"
 
     @property
     def exposure_ms(self) -> float:

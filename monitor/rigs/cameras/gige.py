@@ -9,8 +9,8 @@ import numpy as np
 
 from configs import DeviceUnavailable, InputError
 
+from ...extras import load_extra
 from .base import FrameLost, Image, Shot, bits_of, check_timeout, to_full_range
-from .extra import load_extra
 
 __all__ = ["GigECamera"]
 
@@ -67,6 +67,11 @@ class GigECamera:
         self._camera: Any = None
         self._stream: Any = None
         self._is_gone = False
+
+    @property
+    def awaits_trigger(self) -> bool:
+        """Whether the projector's line triggers, not we."""
+        return self._trigger != "software"
 
     @property
     def exposure_ms(self) -> float:

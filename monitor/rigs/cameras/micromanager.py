@@ -10,8 +10,8 @@ import numpy as np
 
 from configs import DeviceUnavailable, InputError
 
+from ..micromanager_core import MicroManagerDevice, short
 from .base import FrameLost, Shot, to_full_range
-from .extra import load_extra
 
 __all__ = ["MicroManagerCamera"]
 
@@ -38,6 +38,7 @@ class MicroManagerCamera:
     """
 
     wraps_at: int | None = None
+    awaits_trigger = False
 
     def __init__(
         self,
@@ -49,53 +50,35 @@ class MicroManagerCamera:
         exposure_ms: float = 10.0,
         properties: Mapping[str, Any] | None = None,
     ) -> None:
-        if (configuration is None) == (adapter is None or device is None):
-            raise ValueError("give either configuration, or adapter and device")
-        if configuration is not None and not Path(configuration).is_file():
-            raise InputError(f"camera option configuration: {configuration} is no file")
-        self._configuration = configuration
-        self._adapter, self._device = adapter, device
-        self._folder = adapter_folder
+        self._device = MicroManagerDevice("camera", configuration, adapter, device, adapter_folder)
         self._exposure_ms = float(exposure_ms)
         self._properties = dict(properties or {})
-        self._core: Any = None
 
     @property
     def exposure_ms(self) -> float:
         """Exposure that the open camera says; NaN while it is closed."""
-        return float("nan") if self._core is None else float(self._core.getExposure())
+        core = self._device.core
+        return float("nan") if core is None else float(core.getExposure())
 
     def open(self) -> None:
         """Load the adapters, open the camera and set it up."""
-        if self._core is not None:
+        if self._device.is_open:
             return
-        core = load_extra("pymmcore", "micromanager", "a Micro-Manager camera").CMMCore()
-        if self._folder is not None:
-            core.setDeviceAdapterSearchPaths([str(self._folder)])
-        try:
-            if self._configuration is not None:
-                core.loadSystemConfiguration(str(self._configuration))
-            else:
-                core.loadDevice(LABEL, self._adapter, self._device)
-        except RuntimeError as error:
-            raise InputError(f"Micro-Manager cannot load the camera: {_short(error)}") from None
-        try:
-            if self._configuration is None:
-                core.initializeDevice(LABEL)
-                core.setCameraDevice(LABEL)
-        except RuntimeError as error:
-            raise DeviceUnavailable(f"the Micro-Manager camera does not start: {_short(error)}") from None
+        label = self._device.open()
+        core = self._device.core
+        if label:
+            core.setCameraDevice(label)
         label = core.getCameraDevice()
         if not label:
-            raise InputError(f"camera option configuration: {self._configuration} names no camera")
-        self._core = core
+            self.close()
+            raise InputError("camera option configuration: it names no camera")
         try:
             for name, value in self._properties.items():
                 core.setProperty(label, name, value)
             core.setExposure(self._exposure_ms)
         except RuntimeError as error:
             self.close()
-            raise InputError(f"camera option properties: {_short(error)}") from None
+            raise InputError(f"camera option properties: {short(error)}") from None
 
     def start(self) -> None:
         """Nothing waits in a camera that is snapped."""
@@ -108,7 +91,7 @@ class MicroManagerCamera:
             core.snapImage()
             image = np.array(core.getImage(), copy=True)
         except RuntimeError as error:
-            raise FrameLost(f"the Micro-Manager camera gave no frame: {_short(error)}") from None
+            raise FrameLost(f"the Micro-Manager camera gave no frame: {short(error)}") from None
         if image.ndim != 2 or image.dtype not in (np.uint8, np.uint16):
             raise InputError(
                 f"the Micro-Manager camera gives {image.dtype} of shape {image.shape}; set its pixel type to grey "
@@ -118,18 +101,9 @@ class MicroManagerCamera:
 
     def close(self) -> None:
         """Let the camera and its adapters go."""
-        core, self._core = self._core, None
-        if core is not None:
-            core.unloadAllDevices()
+        self._device.close()
 
     def _held(self) -> Any:
-        if self._core is None:
+        if self._device.core is None:
             raise DeviceUnavailable("Micro-Manager camera: not open; call open() before take()")
-        return self._core
-
-
-LABEL = "Camera"
-
-
-def _short(error: Exception) -> str:
-    return str(error).strip().rstrip(".")
+        return self._device.core

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from typing import Literal, Protocol, runtime_checkable
 
 from pipelines import PatternSet
 
-__all__ = ["Projector"]
+__all__ = ["Again", "Projector"]
+
+Again = Literal["frame", "capture", "never"]
+"""What can be taken again where the camera lost a frame: that *frame*, as its pattern stands until the next is asked
+for; the whole *capture*, as the projector plays by itself and begins anew when the first is asked for; or nothing."""
 
 
 @runtime_checkable
@@ -16,6 +20,8 @@ class Projector(Protocol):
     Made by its registered factory from plain keywords, it touches no device before ``open``, and after ``close`` may
     be opened again.
     """
+
+    again: Again
 
     def open(self) -> None:
         """Take hold of the device.
@@ -39,6 +45,8 @@ class Projector(Protocol):
 
     def show(self, frame: int) -> None:
         """Show one image of the loaded set; it is lit when this returns, but for the device's own delay.
+
+        A projector that plays by itself begins with image 0, and shows the others in their turn.
 
         Raises
         ------

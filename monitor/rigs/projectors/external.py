@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from pipelines import PatternSet
 
+from .base import Again
+
 __all__ = ["ExternalProjector"]
 
 
 class ExternalProjector:
     """For a projector that advances by the camera's strobe line, or that pulls the camera's trigger line by itself."""
+
+    again: Again = "never"
 
     def open(self) -> None:
         """There is nothing to open."""

@@ -13,6 +13,8 @@ import numpy as np
 from configs import DeviceUnavailable, InputError
 from pipelines import PatternSet
 
+from .base import Again
+
 __all__ = ["ScreenProjector"]
 
 WINDOW = Path(__file__).with_name("screen_window.py")
@@ -36,6 +38,8 @@ class ScreenProjector:
     When the call returns the image has been handed to the graphics card. Screen and projector add delays of their own,
     often 20 to 100 ms, which `microrelief doctor CAMPAIGN` measures: give them as ``settle_ms``.
     """
+
+    again: Again = "frame"
 
     def __init__(self, *, head: int = 0, driver: str | None = None) -> None:
         if head < 0:

@@ -1,4 +1,4 @@
-"""Peers of real drivers that we did not write: pylon's emulation, Aravis' fake camera, Micro-Manager's demo, Xvfb."""
+"""Peers of real drivers that we did not write: emulated cameras, a virtual screen, virtual stages."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import importlib.util
 import os
 import shutil
 import subprocess
+import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -69,6 +70,41 @@ def fake_gige_camera(*options: str) -> Iterator[subprocess.Popen[bytes]]:
         finally:
             process.kill()
             process.wait()
+
+
+OCTOPRINT = Path(__file__).parents[3] / ".cache" / "octoprint"
+
+
+@contextlib.contextmanager
+def virtual_printer() -> Iterator[tuple[str, subprocess.Popen[str]]]:
+    """Run OctoPrint's virtual printer; give the terminal at which it listens, and its process."""
+    need("serial")
+    if not (OCTOPRINT / "octoprint").is_dir():
+        pytest.skip("OctoPrint is not installed: sh .ci/octoprint")
+    process = subprocess.Popen(
+        [sys.executable, str(Path(__file__).with_name("virtual_printer.py"))],
+        env={**os.environ, "PYTHONPATH": str(OCTOPRINT), "PYTHONWARNINGS": "ignore"},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert process.stdout is not None
+        yield process.stdout.readline().strip(), process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def demo_stage() -> dict[str, object]:
+    """Options of Micro-Manager's demonstration stage."""
+    options = demo_camera()
+    return {"adapter": "DemoCamera", "device": "DXYStage", "adapter_folder": options["adapter_folder"]}
+
+
+def virtual_standa(folder: Path) -> dict[str, object]:
+    """Options of two axes of the virtual controller that Standa's library holds."""
+    need("libximc")
+    return {axis: f"xi-emu:///{folder}/{axis}.bin" for axis in ("x", "y")}
 
 
 @contextlib.contextmanager

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from configs import CaptureError
+from configs import Campaign, CaptureError
+from monitor import health
 from monitor.rigs import DevicesRig
 from monitor.rigs.cameras import Shot
 from monitor.rigs.delay import Delay, measure_delay
+from monitor.rigs.projectors.base import Again
 from pipelines import PatternSet
 
 PATTERNS = PatternSet("gray", (64, 48), bits=(2, 0))
@@ -19,6 +23,8 @@ class Bench:
 
     wraps_at: int | None = None
     exposure_ms = 5.0
+    awaits_trigger = False
+    again: Again = "frame"
 
     def __init__(self, delay_s: float, frame_s: float, bright: int = 200) -> None:
         self.time_s, self.delay_s, self.frame_s = 0.0, delay_s, frame_s
@@ -64,3 +70,31 @@ def test_a_known_delay_is_found_to_one_frame(delay_s: float, frame_s: float) -> 
 def test_a_dark_projector_is_said() -> None:
     with pytest.raises(CaptureError, match="white looks like black"):
         measured(Bench(0.01, 0.01, bright=21))
+
+
+def test_doctor_opens_the_rig_once_and_measures_the_delay_of_what_stands(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    bench = Bench(0.084, 0.01)
+    opened: list[str] = []
+    monkeypatch.setattr(bench, "open", lambda: opened.append("part"))
+    rig = DevicesRig(camera={"kind": "basler"}, settle_ms=40)
+    rig.camera, rig.projector = bench, bench
+    monkeypatch.setattr(health, "make_rig", lambda name, options: rig)
+    monkeypatch.setattr(health, "measure_delay", lambda rig, patterns: measured(Bench(0.084, 0.01)))
+    campaign = Campaign.model_validate(
+        {
+            "site": {"name": "bench"},
+            "store": {"path": str(tmp_path / "bench.icechunk")},
+            "rig": {"name": "devices", "options": {"camera": {"kind": "basler"}}},
+            "schedule": {"every": "1 h"},
+            "calibration": {"file": str(tmp_path / "calibration.json")},
+        }
+    )
+    found = {finding.what: finding for finding in health.check_campaign(campaign)}
+    assert opened == ["part", "part"]  # camera and projector, once each
+    assert found["rig"].level == "ok"
+    assert found["projector"].level == "wrong"
+    assert "set rig option settle_ms to" in found["projector"].told
+    bench.again = "capture"
+    assert "projector" not in {finding.what for finding in health.check_campaign(campaign)}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +11,15 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
-from configs import Campaign
+from configs import Campaign, InputError
 from monitor.campaign import run_campaign
 from monitor.cli import run_tokens
 from monitor.clock import AcceleratedClock
-from monitor.rigs.faults import FAULTS
+from monitor.rigs import SimulatedRig
+from monitor.rigs.faults import FAULTS, RAISED
 from monitor.settled import Settled
-from pipelines import instant
+from pipelines import PatternSet, instant
+from pipelines.reconstruction import diagnose
 from storage import Ledger, ledger_beside, open_store
 from tests.monitor.campaigns import BASE, HOLDER
 
@@ -35,14 +38,22 @@ ENDS: dict[str, tuple[str, str, int]] = {
 T0 = instant(BASE)
 
 
-def settings(faults: dict[int, str]) -> dict[str, Any]:
+CAMERA = (240, 180)
+PATTERNS = PatternSet("gray", (608, 684), bits=(8, 8))
+FAINT = ["dark", "saturated"]
+"""A hundredth of the light, exposed five times as long: faint, and right all the same."""
+SUFFERED: list[str | list[str]] = [*FAULTS, FAINT]
+
+
+def settings(faults: dict[int, Any]) -> dict[str, Any]:
     return {
         "site": {"name": "faults"},
         "store": {"path": "site.icechunk"},
-        "rig": {"name": "simulated", "options": {"camera": [480, 360], "pace": 1, "faults": faults}},
+        "rig": {"name": "simulated", "options": {"camera": CAMERA, "pace": 1, "faults": faults}},
         "schedule": {"every": "1 h"},
+        "patterns": PATTERNS.as_mapping(),
         "calibration": {"simulated": True},
-        "grid": {"pitch_mm": 0.05},
+        "grid": {"pitch_mm": 0.1},
         "register": {"stable_mm": HOLDER},
         "metrics": ["net_volume"],
     }
@@ -60,11 +71,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def run(folder: Path) -> list[Settled]:
-    """One campaign: a good visit, then each fault with a good visit after it."""
+    """One campaign: a good visit, then each fault, then a good visit again."""
     told: list[Settled] = []
-    faults = {2 * number + 1: name for number, name in enumerate(FAULTS)}
+    faults = dict(enumerate(SUFFERED, start=1))
     campaign = Campaign.model_validate(settings(faults), context={"folder": folder})
-    run_campaign(campaign, clock=AcceleratedClock(T0), on_settled=told.append, max_scans=2 * len(FAULTS) + 1)
+    run_campaign(campaign, clock=AcceleratedClock(T0), on_settled=told.append, max_scans=len(SUFFERED) + 2)
     return told
 
 
@@ -75,27 +86,44 @@ def test_each_ends_in_its_state_with_its_message_and_event(run: list[Settled], f
     ledger.close()
     for number, name in enumerate(FAULTS):
         state, message, code = ENDS[name]
-        settled = run[2 * number + 1]
+        settled = run[number + 1]
         assert settled.state == state, f"{name}: {settled.state}, {settled.cause}"
         assert re.search(message, settled.cause), f"{name}: {settled.cause}"
         assert settled.unavailable == (code == 75)
         assert settled.number is None
-        row = rows[2 * number + 1]
+        row = rows[number + 1]
         assert (row.state, row.cause, row.scan) == (state, settled.cause, None)
         events = [event for event in store.events if event.kind == state and event.text == settled.cause]
         assert events, f"{name}: no event in the store"
-        assert run[2 * number + 2].state == "taken", "the next visit is a good one again"
+    assert run[0].state == run[-1].state == "taken"
+    assert run[-2].state == "taken"
+    assert any("capture: underexposure" in event.text for event in store.events)
 
 
 def test_no_fault_ends_in_a_height_map(run: list[Settled], folder: Path) -> None:
     store = open_store(folder / "site.icechunk")
-    assert len(store) == len(FAULTS) + 1
-    # the soil dries by a few micrometres an hour; a wrong height map is off by far more
+    assert len(store) == 3  # the good ones and the faint one
+    # the soil dries by some micrometres an hour; a wrong height map is off by far more
     for number in range(1, len(store)):
         change = store[number].change
         assert change is not None
         assert np.nanmedian(np.abs(change.dz)) < 0.02
         assert store[number].scan.coverage > 0.5 * store[0].scan.coverage
+
+
+PAIRS = [pair for pair in combinations([name for name in FAULTS if name not in RAISED], 2) if set(pair) != set(FAINT)]
+
+
+def test_no_two_faults_together_pass_for_a_good_capture() -> None:
+    rig = SimulatedRig(camera=CAMERA, faults=dict(enumerate(PAIRS)))
+    rig.open()
+    for pair in PAIRS:
+        assert diagnose(rig.capture(PATTERNS, T0)).verdict == "reject", pair
+
+
+def test_a_fault_that_there_is_not_is_named() -> None:
+    with pytest.raises(InputError, match=r"rig option faults: no fault 'late '; there are dropped"):
+        SimulatedRig(faults={0: ["dark", "late "]})
 
 
 @pytest.mark.parametrize("name", ["dropped", "unplugged", "swapped"])

@@ -1,4 +1,4 @@
-"""Loads a camera's library, which is an extra, or says how to get it."""
+"""Libraries that are extras: imported where they are used, and a missing one told with the command that brings it."""
 
 from __future__ import annotations
 
@@ -14,6 +14,15 @@ __all__ = ["load_extra"]
 def load_extra(module: str, extra: str, what: str) -> ModuleType:
     """Import `module`.
 
+    Parameters
+    ----------
+    module : str
+        Its full name, such as ``pypylon.pylon``.
+    extra : str
+        Our extra that brings it.
+    what : str
+        What needs it, as the message begins: "a Basler camera".
+
     Raises
     ------
     InputError
@@ -21,7 +30,7 @@ def load_extra(module: str, extra: str, what: str) -> ModuleType:
     """
     try:
         with warnings.catch_warnings():
-            # compiled modules made by SWIG warn while they load, and crash the process where warnings are errors
+            # modules made by SWIG warn while they load, and crash the process where warnings are errors
             warnings.simplefilter("ignore", DeprecationWarning)
             return importlib.import_module(module)
     except ImportError as error:
