@@ -13,9 +13,9 @@ import pytest
 
 from configs import ConfigError, Reports, parse_campaign
 from monitor.cli import run_tokens
-from monitor.settled import Settled
 from monitor.recipe import campaign_hash, read_pattern_set
 from monitor.reporter import Reporter, reporter_of
+from monitor.settled import Settled
 from pipelines import AlarmChange, AlarmState, Tick
 from storage import open_store
 
