@@ -4,7 +4,6 @@ from .alarm_limits import rule_words
 from .calibration_report import calibration_page
 from .findings import Findings, gather
 from .glance import Glance, glance, newest_picture, page_style
-from .preview import Preview, open_preview
 from .record import record_review
 from .report import SECTIONS, write_findings, write_report
 from .section import Figure, Section, Table
@@ -17,7 +16,6 @@ __all__ = [
     "Figure",
     "Findings",
     "Glance",
-    "Preview",
     "Section",
     "Table",
     "Verdict",
@@ -29,7 +27,6 @@ __all__ = [
     "judge_findings",
     "newest_picture",
     "open_command",
-    "open_preview",
     "open_viewer",
     "page_style",
     "record_review",
