@@ -9,7 +9,6 @@ from .glance import Glance, glance, newest_picture
 from .movie import MOVIE_SUFFIXES, write_movie
 from .notebook import load_ipython_extension, show
 from .page import fill_templates, page_style
-from .preview import Preview, open_preview
 from .record import record_review
 from .region import Region
 from .report import SECTIONS, Layout, write_comparison, write_findings, write_report
@@ -27,7 +26,6 @@ __all__ = [
     "Glance",
     "Layout",
     "Period",
-    "Preview",
     "Region",
     "Section",
     "Table",
@@ -44,7 +42,6 @@ __all__ = [
     "load_ipython_extension",
     "newest_picture",
     "open_command",
-    "open_preview",
     "open_viewer",
     "page_style",
     "record_review",

@@ -15,16 +15,7 @@ from pathlib import Path
 
 from configs import InputError, MicroreliefError
 
-__all__ = [
-    "NO_SCREEN",
-    "awaiting_viewer",
-    "check_ports",
-    "has_screen",
-    "open_command",
-    "open_viewer",
-    "serve_web",
-    "viewer_program",
-]
+__all__ = ["NO_SCREEN", "check_ports", "has_screen", "open_command", "open_viewer", "serve_web", "viewer_program"]
 
 LOCAL = "127.0.0.1"
 NO_SCREEN = (
@@ -125,46 +116,15 @@ def serve_web(rrd: Path, port: int = 9090) -> Iterator[tuple[str, subprocess.Pop
         If a port is taken or the server fails.
     """
     check_ports(port)
-    command = [str(rrd), "--serve-web", "--web-viewer-port", str(port), "--port", str(port + 1)]
-    with _program(command, port, port + 1) as server:
-        yield f"http://{LOCAL}:{port}/?url=rerun%2Bhttp%3A%2F%2F{LOCAL}%3A{port + 1}%2Fproxy", server
-
-
-@contextmanager
-def awaiting_viewer(*, web: bool, port: int = 9090) -> Iterator[tuple[str, str, subprocess.Popen[str]]]:
-    """Run a viewer that shows what is sent to it, in a window or to browsers, on 127.0.0.1 alone.
-
-    Yields
-    ------
-    (str, str, Popen)
-        Where to send to; the link to open, empty for a window; and the program, which ends with the context.
-
-    Raises
-    ------
-    MicroreliefError
-        If there is no screen, a port is taken, or the viewer does not start.
-    """
-    if not web and not has_screen():
-        raise MicroreliefError(NO_SCREEN)
-    check_ports(port)
-    data = port + 1
-    page = ["--serve-web", "--web-viewer-port", str(port)] if web else ["--memory-limit", "25%"]
-    with _program([*page, "--port", str(data)], data, *([port] if web else [])) as viewer:
-        link = f"http://{LOCAL}:{port}/?url=rerun%2Bhttp%3A%2F%2F{LOCAL}%3A{data}%2Fproxy" if web else ""
-        yield f"rerun+http://{LOCAL}:{data}/proxy", link, viewer
-
-
-@contextmanager
-def _program(options: list[str], *ports: int) -> Iterator[subprocess.Popen[str]]:
-    """Run the viewer's program until the context is left; it listens on these ports when this begins."""
-    command = [str(viewer_program()), *options, "--bind", LOCAL, "--server-memory-limit", "50%"]
-    program = subprocess.Popen(command, env=_quiet(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True)
+    command = [str(viewer_program()), str(rrd), "--serve-web", "--bind", LOCAL]
+    command += ["--web-viewer-port", str(port), "--port", str(port + 1), "--server-memory-limit", "50%"]
+    server = subprocess.Popen(command, env=_quiet(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True)
     try:
-        for port in ports:
-            _wait_until_listening(program, port)
-        yield program
+        _wait_until_listening(server, port)
+        _wait_until_listening(server, port + 1)
+        yield f"http://{LOCAL}:{port}/?url=rerun%2Bhttp%3A%2F%2F{LOCAL}%3A{port + 1}%2Fproxy", server
     finally:
-        _end(program)
+        _end(server)
 
 
 def _end(program: subprocess.Popen[str]) -> None:

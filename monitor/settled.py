@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass, field
 from typing import get_args
 
@@ -15,6 +16,9 @@ from .visit import State
 __all__ = ["NO_TIMINGS", "Outcome", "Settled", "Tally", "Timings"]
 
 NAN = float("nan")
+
+KEPT = 100_000
+"""Of so many of the newest visits it is kept how late they were: a video may go on for weeks."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +112,7 @@ class Outcome:
     away : int
         Of `missed`, the slots of before the run, when nothing ran.
     lags_s, latencies_s : tuple of float
-        How late each visit began, and how old each scan was when it had been worked out.
+        How late each visit began, and how old each scan was when it had been worked out; of the newest 100,000.
     stopped : bool
         It was asked to stop before the schedule was over.
     """
@@ -134,8 +138,8 @@ class Tally:
 
     counts: dict[State, int] = field(default_factory=lambda: dict.fromkeys(get_args(State), 0))
     away: int = 0
-    lags_s: list[float] = field(default_factory=list)
-    latencies_s: list[float] = field(default_factory=list)
+    lags_s: deque[float] = field(default_factory=lambda: deque(maxlen=KEPT))
+    latencies_s: deque[float] = field(default_factory=lambda: deque(maxlen=KEPT))
 
     def add(self, settled: Settled) -> None:
         """Count a slot, or several."""

@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from configs import Campaign, CampaignFile, InputError
 
 from ..campaign import run_campaign
 from ..check import load_checked
 from ..clock import RealClock
+from ..companions import Companion
 from ..forecast import forecast_lines
-from ..items import Visit
 from ..log import LogFormat, set_up_log
-from ..newest import showing
 from ..settled import Settled
 from ..stopping import graceful_stop
 from ..teller import Teller
 from ..watchdog import Watchdog
-
-if TYPE_CHECKING:
-    from dashboards import Preview
 
 __all__ = ["follow", "run", "scan"]
 
@@ -112,27 +108,19 @@ def scan(campaign: Path) -> int:
 
 
 def follow(
-    file: CampaignFile, campaign: Campaign, *, max_scans: int | None = None, preview: Preview | None = None
+    file: CampaignFile, campaign: Campaign, *, max_scans: int | None = None, companions: Sequence[Companion] = ()
 ) -> int:
-    """Run a campaign in real time, saying what happens and showing each scan; give the exit code."""
+    """Run a campaign in real time, saying what happens; give the exit code."""
     watchdog = Watchdog()
-    with ExitStack() as stack:
-        stop, teller = stack.enter_context(graceful_stop()), stack.enter_context(Teller(campaign))
-        newest = stack.enter_context(showing(preview.show)) if preview is not None else None
-
-        def worked(visit: Visit, under_way: int) -> None:
-            teller.worked(visit, under_way)
-            if newest is not None and visit.tick.scan is not None:
-                newest.offer(visit.tick.scan)
-
+    with graceful_stop() as stop, Teller(campaign) as teller:
         outcome = run_campaign(
             campaign,
             clock=RealClock(nap=watchdog.alive),
-            companions=[watchdog],
+            companions=[watchdog, *companions],
             on_settled=teller.settled,
             on_wait=teller.wait,
             on_stage=teller.stage,
-            on_worked=worked,
+            on_worked=teller.worked,
             max_scans=max_scans,
             stop=stop,
             text=file.text,

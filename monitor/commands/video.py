@@ -7,10 +7,12 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from configs import InputError, parse_duration
+from configs import InputError, MicroreliefError, parse_duration
 
 from ..check import load_checked
+from ..companions import Companion
 from ..log import set_up_log
+from ..onlooker import Onlooker
 from .run import follow
 
 __all__ = ["video"]
@@ -38,9 +40,9 @@ def video(
     for_
         How long to record, such as 20s or 5min, instead of what the campaign says.
     live
-        Show each scan in 3D in the Rerun viewer as soon as it is worked out; a viewer that is slower shows fewer.
+        Open the review beside it, which follows the recording scan by scan.
     web
-        The same in a browser on this machine (127.0.0.1 alone); prints the link.
+        The same in a browser on this machine (127.0.0.1 alone); prints the link once there is a scan.
     port
         Port of the web page; data come through the next one.
 
@@ -62,11 +64,18 @@ def video(
         schedule = settings.schedule.model_copy(update={"video": recording})
         settings = settings.model_copy(update={"schedule": schedule})
     set_up_log()
-    if not (live or web):
-        return follow(file, settings)
-    from dashboards import open_preview
+    return follow(file, settings, companions=_onlookers(settings.store.path, port, live=live, web=web))
 
-    with open_preview(web=web, port=port) as preview:
-        if preview.link:
-            print(f"live at {preview.link}", flush=True)
-        return follow(file, settings, preview=preview)
+
+def _onlookers(store: str | Path, port: int, *, live: bool, web: bool) -> list[Companion]:
+    """Who looks on, if anybody; what stands in their way is said before the recording begins."""
+    if not (live or web):
+        return []
+    from dashboards import NO_SCREEN, check_ports, has_screen
+
+    if not web:
+        if not has_screen():
+            raise MicroreliefError(NO_SCREEN)
+        return [Onlooker(store)]
+    check_ports(port)
+    return [Onlooker(store, ["--web", "--port", str(port)])]

@@ -20,6 +20,8 @@ from monitor.campaign import run_campaign
 from monitor.cli import run_tokens
 from monitor.clock import AcceleratedClock
 from monitor.health_log import Health, HealthLog, Promptness, health_file, lamp_trends, promptness
+from monitor.page import Sites, SiteSource
+from monitor.page.prometheus import exposition
 from monitor.vital_signs import VitalSigns, next_exposure, vital_signs
 from pipelines import Frames, PatternSet, instant
 
@@ -133,6 +135,19 @@ def test_the_command_tells_it(folder: Path, capsys: pytest.CaptureFixture[str]) 
     told = json.loads(capsys.readouterr().out)
     assert len(told["visits"]) == 5
     assert set(told["trends"]) == {"lamp", "dark"}
+
+
+def test_status_and_metrics_tell_how_the_newest_visit_kept_its_slot(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_tokens(["status", str(folder / "site.yaml"), "--json"]) in (0, 4)
+    told = json.loads(capsys.readouterr().out)["prompt"]
+    assert (told["lag_s"], told["dropped"], told["visits"]) == (0.0, 0, 9)
+    assert told["latency_s"] >= 0
+    campaign = Campaign.model_validate(settings(), context={"folder": folder})
+    text = exposition(Sites([SiteSource(campaign.store.path, campaign)], lambda: T0 + np.timedelta64(5, "D"))).decode()
+    assert 'microrelief_lag_seconds{site="site"} 0.0' in text
+    assert 'microrelief_latency_seconds{site="site"}' in text
 
 
 def test_without_a_run_it_says_how_it_comes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
