@@ -142,9 +142,9 @@ def coarse_maps(
         for number in numbers:
             stored = store[number]
             change = stored.change
-            cells = stored.scan.height if name == "height" else change.dz if change is not None else None
-            if cells is not None:
-                yield number, unpack_heights(pack_bins(np.asarray(cells, np.float32), "int32", name))
+            nothing = np.full(stored.scan.height.shape, np.nan, dtype=np.float32)
+            cells = stored.scan.height if name == "height" else change.dz if change is not None else nothing
+            yield number, unpack_heights(pack_bins(np.asarray(cells, np.float32), "int32", name))
         return
     folded, tail = store.binned[name], store.binned[f"{name}_tail"]
     length = folded.shape[0]
