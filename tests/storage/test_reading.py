@@ -92,8 +92,8 @@ def test_a_cell_through_time(store: Store) -> None:
 
 def test_coarse_maps_are_what_the_histories_of_their_cells_say(store: Store) -> None:
     for name in ("height", "dz"):
-        history = cell_history(store, GRID.x_mm[17], GRID.y_mm[9], name)  # type: ignore[arg-type]  # two literals
-        maps = [each[1, 2] for _, each in coarse_maps(store, [0, 1, 2], name)]  # type: ignore[arg-type]  # as above
+        history = cell_history(store, GRID.x_mm[17], GRID.y_mm[9], name)
+        maps = [each[1, 2] for _, each in coarse_maps(store, [0, 1, 2], name)]
         np.testing.assert_array_equal(maps, history.values)
 
 
