@@ -74,7 +74,7 @@ def _never_measured(findings: Findings) -> list[str]:
         for alarm in findings.limits
         if findings.alarms.get(alarm.name) == "ok"
         and any(metric.name == alarm.metric for metric in findings.metrics)
-        and not np.isfinite(findings.measured(alarm.metric)[0][findings.last.baseline :]).any()
+        and not np.isfinite(findings.measured(alarm.metric)[0][findings.since_baseline]).any()
     ]
 
 

@@ -142,10 +142,10 @@ def coarse_maps(
         for number in numbers:
             stored = store[number]
             change = stored.change
-            cells = stored.scan.height if name == "height" else change.dz if change is not None else None
-            if cells is not None:
-                packing = Packing("int32")
-                yield number, packing.unpack(packing.pack_bins(np.asarray(cells, np.float32), name))
+            nothing = np.full(stored.scan.height.shape, np.nan, dtype=np.float32)
+            cells = stored.scan.height if name == "height" else change.dz if change is not None else nothing
+            packing = Packing("int32")
+            yield number, packing.unpack(packing.pack_bins(np.asarray(cells, np.float32), name))
         return
     folded, tail = store.binned[name], store.binned[f"{name}_tail"]
     packing, length = Packing.of(folded), folded.shape[0]

@@ -17,6 +17,7 @@ from storage import (
     STORES,
     Store,
     cell_history,
+    coarse_maps,
     create_store,
     find_scan,
     line_history,
@@ -89,6 +90,13 @@ def test_a_cell_through_time(store: Store) -> None:
         assert float(history["y"]) == pytest.approx(GRID.y_mm[8:16].mean())
 
 
+def test_coarse_maps_are_what_the_histories_of_their_cells_say(store: Store) -> None:
+    for name in ("height", "dz"):
+        history = cell_history(store, GRID.x_mm[17], GRID.y_mm[9], name)
+        maps = [each[1, 2] for _, each in coarse_maps(store, [0, 1, 2], name)]
+        np.testing.assert_array_equal(maps, history.values)
+
+
 def test_a_line_through_time(store: Store) -> None:
     start, end = (GRID.x_mm[0], GRID.y_mm[0]), (GRID.x_mm[-1], GRID.y_mm[-1])
     line = line_history(store, start, end)
@@ -144,6 +152,12 @@ def test_histories_over_folded_and_single_scans_and_several_chunks(tmp_path: Pat
     np.testing.assert_allclose(line.values, expected + 0.001 * columns, rtol=0, atol=0.000251)
     assert np.isnan(risen.values[0]).all()
     np.testing.assert_allclose(risen.values[1:] - expected[1:], 0, atol=0.000251)
+    # the same cells as whole maps: from the folded ones, and from the tail
+    maps = dict(coarse_maps(reader, [0, 5, 63, 66], "dz"))
+    assert list(maps) == [0, 5, 63, 66]
+    assert {each.shape for each in maps.values()} == {(2, 70)}
+    assert np.isnan(maps[0]).all()
+    np.testing.assert_allclose([maps[n].mean() for n in (5, 63, 66)], [0.05, 0.63, 0.66], atol=0.0003)
 
 
 def test_the_past(tmp_path: Path) -> None:
