@@ -47,12 +47,17 @@ def missing_libraries() -> str:
 
 
 class Looker:
-    """A headless viewer that shows one recording."""
+    """A headless viewer that shows one recording at a time."""
 
-    def __init__(self, client: ViewerClient, rrd: Path, patience_s: float = 60.0) -> None:
+    def __init__(self, client: ViewerClient, patience_s: float = 60.0) -> None:
         self._client = client
         self._patience_s = patience_s
-        client.open(str(rrd))
+
+    def open(self, source: Path | str) -> None:
+        """Show a recording, an .rrd file or an address, instead of what is shown."""
+        if self._client.get_state().recordings:
+            self._client.close("all")
+        self._client.open(str(source))
         self._wait_until_loaded()
 
     def _wait_until_loaded(self) -> None:
@@ -112,8 +117,8 @@ class Looker:
 
 
 @contextmanager
-def looker(rrd: Path) -> Iterator[Looker]:
-    """Open a recording in a headless viewer on a free port and end the viewer afterwards."""
+def looker(source: Path | str | None = None) -> Iterator[Looker]:
+    """Start a headless viewer on a free port, open a recording in it if one is given, and end it afterwards."""
     from rerun.experimental import ViewerClient
 
     with tempfile.TemporaryDirectory() as runtime:
@@ -128,7 +133,10 @@ def looker(rrd: Path) -> Iterator[Looker]:
             )
             try:
                 _wait_for(port, viewer)
-                yield Looker(ViewerClient(f"rerun+http://127.0.0.1:{port}/proxy"), rrd)
+                look = Looker(ViewerClient(f"rerun+http://127.0.0.1:{port}/proxy"))
+                if source is not None:
+                    look.open(source)
+                yield look
             finally:
                 viewer.terminate()
                 viewer.wait()
