@@ -41,11 +41,15 @@ FOLLOWED_EVERY_S = 10.0
 """Cracks take a quarter of a second to follow: they are where scans come no faster than this."""
 
 
+_PATIENCE_S = 60.0
+"""How long the end of a review waits for what is still being drawn."""
+
+
 class LiveReview:
     """The review of a campaign or video while it goes on.
 
     `show` takes each scan as it was committed. Drawing and sending go on elsewhere; where that cannot keep up, scans
-    are left out, and counted. Errors of the viewer end the review, never who calls it.
+    are left out, and counted, as is one that cannot be drawn. Nothing that fails here reaches who calls it.
 
     Parameters
     ----------
@@ -68,6 +72,8 @@ class LiveReview:
         self._followed = Followed()
         self._alarms: dict[str, str] = {}
         self._left_out = 0
+        self.trouble = ""
+        """What went wrong with the last scan that could not be shown."""
         self._waiting: deque[tuple[Tick, int]] = deque()
         self._changed = threading.Condition()
         self._closing = False
@@ -126,7 +132,7 @@ class LiveReview:
         with self._changed:
             self._closing = True
             self._changed.notify_all()
-        self._thread.join(timeout=10)
+        self._thread.join(timeout=_PATIENCE_S)
         self._stream.disconnect()
 
     def _work(self) -> None:
@@ -139,6 +145,9 @@ class LiveReview:
                 self._busy = True
             try:
                 self._send(tick, number)
+            except Exception as error:  # noqa: BLE001 - a picture that fails must not end a measurement
+                self.trouble = f"scan {number}: {type(error).__name__}: {error}"
+                self._left_out += 1
             finally:
                 with self._changed:
                     self._busy = False

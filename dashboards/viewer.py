@@ -18,6 +18,7 @@ from configs import InputError, MicroreliefError
 
 __all__ = [
     "LOCAL",
+    "MEMORY",
     "NO_SCREEN",
     "check_ports",
     "end",
