@@ -16,7 +16,9 @@ __all__ = ["serve_shards"]
 
 
 @contextmanager
-def serve_shards(shards: Shards, preset: Preset = "overview", port: int | None = None) -> Iterator[str]:
+def serve_shards(
+    shards: Shards, preset: Preset = "overview", port: int | None = None, *, origin: str = ""
+) -> Iterator[str]:
     """Serve shards on 127.0.0.1 until the context ends.
 
     Parameters
@@ -26,6 +28,8 @@ def serve_shards(shards: Shards, preset: Preset = "overview", port: int | None =
         What is in front when a viewer opens it.
     port : int, optional
         A free one where none is given.
+    origin : str
+        Of a page elsewhere that may read it too: ``https://review.example.org``.
 
     Yields
     ------
@@ -37,6 +41,7 @@ def serve_shards(shards: Shards, preset: Preset = "overview", port: int | None =
     port = free_port() if port is None else port
     # a program of its own, which ends when it is told to: a server in this one waits for its viewers to leave
     command = [str(viewer_program()), "server", "--host", LOCAL, "--port", str(port)]
+    command += ["--cors-allow-origin", origin] if origin else []
     with tempfile.TemporaryDirectory(prefix="microrelief-") as folder:
         server = start(command)
         try:

@@ -22,11 +22,16 @@ __all__ = ["crack_region", "served_review"]
 
 @contextmanager
 def served_review(
-    store: Store, preset: Preset = "overview", port: int | None = None, step: Progress | None = None
+    store: Store,
+    preset: Preset = "overview",
+    port: int | None = None,
+    step: Progress | None = None,
+    *,
+    origin: str = "",
 ) -> Iterator[str]:
     """Draw what is new in a store and serve its review on this machine alone; gives the address for a viewer."""
     shards = update_shards(store, cache_folder(store), region=crack_region(store), progress=step)
-    with serve_shards(shards, preset, port) as address:
+    with serve_shards(shards, preset, port, origin=origin) as address:
         yield address
 
 

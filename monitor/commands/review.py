@@ -44,6 +44,7 @@ def review(
     web: Annotated[bool, Parameter(negative="")] = False,
     save: Path | None = None,
     port: int | None = None,
+    origin: str = "",
 ) -> int:
     """Look at every scan of a store on a timeline: surface, maps, trends, alarms, log.
 
@@ -67,6 +68,8 @@ def review(
         Write the review to this .rrd file instead of showing it.
     port
         Port of the web page, 9090 if none is given, or of the viewer.
+    origin
+        With --web behind a reverse proxy: the address that the page has there, such as https://review.example.org.
 
     Examples
     --------
@@ -94,7 +97,7 @@ def review(
             elif follow:
                 _follow(opened, store, preset, page if web else port, web=web)
             else:
-                with _source(opened, preset, chosen, page + 1 if web else None) as source:
+                with _source(opened, preset, chosen, page + 1 if web else None, origin) as source:
                     _show(source, page if web else port, web=web)
     except KeyboardInterrupt:
         print("stopped", file=sys.stderr)
@@ -104,7 +107,9 @@ def review(
 
 
 @contextmanager
-def _source(opened: Store, preset: Preset, chosen: tuple[int, int] | None, port: int | None) -> Iterator[str | Path]:
+def _source(
+    opened: Store, preset: Preset, chosen: tuple[int, int] | None, port: int | None, origin: str
+) -> Iterator[str | Path]:
     """Give what a viewer opens: the shards of the whole store, or a file of the chosen scans."""
     if chosen is not None:
         with tempfile.TemporaryDirectory(prefix="microrelief-") as folder:
@@ -112,7 +117,7 @@ def _source(opened: Store, preset: Preset, chosen: tuple[int, int] | None, port:
             _record(opened, rrd, preset, chosen)
             yield rrd
         return
-    with progress("recording scans") as step, served_review(opened, preset, port, step) as address:
+    with progress("recording scans") as step, served_review(opened, preset, port, step, origin=origin) as address:
         yield address
 
 
