@@ -24,8 +24,14 @@ if TYPE_CHECKING:
 
 __all__ = ["log_sights"]
 
-MOST_NAMED = 12
-"""Cracks and plates that have their own line in a plot and a label, the largest first."""
+MOST_NAMED = 6
+"""Cracks and plates that have a label and a line in a plot, the largest first: more would hide each other."""
+
+MOST_LISTED = 12
+"""Rows of a table."""
+
+_LABELS: Rgb = (240, 240, 240)
+"""Words are light, whatever their line's colour: some of those are too dark to be read."""
 
 
 def log_sights(stream: rr.RecordingStream, sights: Sights, scales: Scales) -> None:
@@ -62,10 +68,9 @@ def _log_cracks(stream: rr.RecordingStream, sights: Sights, scales: Scales) -> N
     at = [number for number, label in enumerate(labels) if label]
     places = [flat[number][len(flat[number]) // 2] for number in at]
     words = [labels[number] for number in at]
-    shown = [colours[number] for number in at]
     stream.log(
         f"{paths.CRACKS}/labels",
-        rr.Points2D(places, labels=words, colors=shown, radii=0.0, show_labels=True)
+        rr.Points2D(places, labels=words, colors=[_LABELS], radii=0.0, show_labels=True)
         if at
         else rr.Clear(recursive=False),
     )
@@ -87,18 +92,19 @@ def _log_plates(stream: rr.RecordingStream, sights: Sights, scales: Scales) -> N
     rows, columns = scales.map_shape
     picture = plates_png(sights.cells, lifts, Range(-limit, limit), (rows, columns))
     stream.log(paths.PLATES, encoded(picture))
-    largest = sorted(sights.plates.items(), key=lambda each: -each[1].area.value)[:MOST_NAMED]
+    by_area = sorted(sights.plates.items(), key=lambda each: -each[1].area.value)
+    largest = by_area[:MOST_NAMED]
     places = to_pixels([plate.x_mm for _, plate in largest], [plate.y_mm for _, plate in largest], scales)
     labels = [f"{name}: {_sign(plate.lift.value)} mm" for name, plate in largest]
     stream.log(
         f"{paths.PLATES}/labels",
-        rr.Points2D(places, labels=labels, radii=0.0, colors=[[240, 240, 240]], show_labels=True)
+        rr.Points2D(places, labels=labels, radii=0.0, colors=[_LABELS], show_labels=True)
         if largest
         else rr.Clear(recursive=False),
     )
     for name, plate in largest:
         _log_series(stream, f"{paths.PLATE_LIFTS}/{name}", "plate", name, plate.lift)
-    stream.log(paths.PLATE_TABLE, rr.TextDocument(_plate_table(largest), media_type="text/markdown"))
+    stream.log(paths.PLATE_TABLE, rr.TextDocument(_plate_table(by_area[:MOST_LISTED]), media_type="text/markdown"))
 
 
 def _log_series(stream: rr.RecordingStream, path: str, kind: str, number: int, measured: Measurement) -> None:
@@ -145,15 +151,15 @@ def _crack_table(cracks: Sequence[CrackSighting]) -> str:
     if not cracks:
         return "No crack was found in this scan."
     lines = ["| crack | length mm | width mm | widest mm | depth mm |", "|---|---|---|---|---|"]
-    for crack in cracks[:MOST_NAMED]:
+    for crack in cracks[:MOST_LISTED]:
         size = crack.size
         lines.append(
             f"| {crack.identity} | {with_uncertainty(size.length)} "
             f"| {with_uncertainty(size.width)} | {plain(size.width_max_mm, 2)} "
-            f"| ≥ {with_uncertainty(size.depth)} |"
+            f"| {'≥ ' if np.isfinite(size.depth.value) else ''}{with_uncertainty(size.depth)} |"
         )
-    if len(cracks) > MOST_NAMED:
-        lines += ["", f"and {len(cracks) - MOST_NAMED} shorter ones"]
+    if len(cracks) > MOST_LISTED:
+        lines += ["", f"and {len(cracks) - MOST_LISTED} shorter ones"]
     return "\n".join(lines)
 
 

@@ -38,7 +38,7 @@ RECENT_SCANS = 60
 """What is shown first when a review attaches late: the last hour, so many scans of it, spread evenly."""
 
 FOLLOWED_EVERY_S = 10.0
-"""Cracks take a quarter of a second to follow: they are where scans come no faster than this."""
+"""Cracks take longer to follow than a scan to draw: they are shown where scans come no faster than this."""
 
 
 _PATIENCE_S = 60.0
