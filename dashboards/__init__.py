@@ -1,36 +1,46 @@
 """Reads a store and shows it: the Rerun timeline and the report."""
 
 from .alarm_limits import rule_words
+from .blueprint import PRESETS, Preset
 from .calibration_report import calibration_page
 from .campaign_text import site_zone
+from .catalog import serve_shards
 from .comparison import gather_comparison
 from .findings import Findings, Period, gather, gather_numbers
 from .glance import Glance, glance, newest_picture
+from .live import LiveReview
 from .movie import MOVIE_SUFFIXES, write_movie
 from .notebook import load_ipython_extension, show
 from .page import fill_templates, page_style
-from .record import record_review
+from .record import check_not_empty, record_review
 from .region import Region
 from .report import SECTIONS, Layout, write_comparison, write_findings, write_report
 from .section import Cell, Figure, Section, Table
+from .shards import Shards, cache_folder, update_shards
 from .verdict import Verdict, judge_findings
 from .viewer import NO_SCREEN, check_ports, has_screen, open_command, open_viewer, serve_web
 
 __all__ = [
     "MOVIE_SUFFIXES",
     "NO_SCREEN",
+    "PRESETS",
     "SECTIONS",
     "Cell",
     "Figure",
     "Findings",
     "Glance",
     "Layout",
+    "LiveReview",
     "Period",
+    "Preset",
     "Region",
     "Section",
+    "Shards",
     "Table",
     "Verdict",
+    "cache_folder",
     "calibration_page",
+    "check_not_empty",
     "check_ports",
     "fill_templates",
     "gather",
@@ -46,9 +56,11 @@ __all__ = [
     "page_style",
     "record_review",
     "rule_words",
+    "serve_shards",
     "serve_web",
     "show",
     "site_zone",
+    "update_shards",
     "write_comparison",
     "write_findings",
     "write_movie",

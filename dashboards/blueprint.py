@@ -1,30 +1,34 @@
-"""The layout of a review, built in code: what is shown where, and how each view is named."""
+"""The layout of a review, built in code: five presets as the tabs of one window, and which of them is in front."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
-
-from pipelines import Grid
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from . import paths
 from .metric_names import TrendGroup
-from .quantities import plain, unit_text
-from .raster import Range, shrink_factor
+from .scales import Scales
+from .view_kinds import (
+    document,
+    lanes,
+    log,
+    map_view,
+    series_view,
+    surface_view,
+    trend_view,
+)
 
 if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
-__all__ = ["MOST_MAP_CELLS", "Layout", "review_blueprint"]
+__all__ = ["PRESETS", "Layout", "Preset", "review_blueprint"]
 
-MOST_MAP_CELLS = 1_000_000
-"""Maps with more cells than this are shrunk for the screen."""
+Preset = Literal["overview", "cracks", "curl", "video", "quality"]
+PRESETS: tuple[Preset, ...] = get_args(Preset)
 
 _SCANS_PER_SECOND = 2.0
-_BACKGROUND = (24, 26, 30)
+_CURL = ("edge_lift", "plate_", "curl_")
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,80 +37,52 @@ class Layout:
 
     Parameters
     ----------
-    grid : Grid
-    height : Range
-        Ends of the height scale, mm.
-    change_limit_mm : float
-        Ends of the change scale, mm; 0 where no scan has a change.
-    exaggeration : float
-        How many times heights are drawn taller than they are.
+    scales : Scales
     interval_s : float
         Typical time between scans: playing shows two of them a second.
     trends : sequence of TrendGroup
+    limits : frozenset of str
+        Metrics for which the campaign set limits.
+    cracks, plates : bool
+        Whether the campaign looks for them; a preset without its subject is left out.
     """
 
-    grid: Grid
-    height: Range
-    change_limit_mm: float
-    exaggeration: float
+    scales: Scales
     interval_s: float
     trends: Sequence[TrendGroup]
+    limits: frozenset[str] = frozenset()
+    cracks: bool = False
+    plates: bool = False
 
     @property
-    def map_shape(self) -> tuple[int, int]:
-        """Rows and columns of a map on the screen."""
-        factor = shrink_factor(self.grid.rows, self.grid.columns, MOST_MAP_CELLS)
-        return -(-self.grid.rows // factor), -(-self.grid.columns // factor)
+    def presets(self) -> tuple[Preset, ...]:
+        """Presets that have something to show."""
+        lacking = {"cracks"} if not self.cracks else set()
+        lacking |= {"curl"} if not self.plates else set()
+        return tuple(preset for preset in PRESETS if preset not in lacking)
 
 
-def review_blueprint(layout: Layout) -> rrb.Blueprint:
-    """Arrange a review: the surface large, maps beside it, trends to the right, alarm lanes and log below."""
+def review_blueprint(layout: Layout, preset: Preset = "overview") -> rrb.Blueprint:
+    """Arrange a review.
+
+    Parameters
+    ----------
+    layout : Layout
+    preset : {"overview", "cracks", "curl", "video", "quality"}
+        The tab in front; the first where the store has nothing to show in it.
+    """
     import rerun.blueprint as rrb
 
-    maps: list[Any] = [
-        _map_view(layout, paths.HEIGHT, "Height, mm: dark is low, yellow is high"),
-        _map_view(layout, paths.CAMERA, "Camera", colour_bar=False),
-    ]
-    if layout.change_limit_mm > 0:
-        maps.insert(0, _map_view(layout, paths.CHANGE, "Change, mm: red lost, blue gained"))
-    trends: list[Any] = [
-        rrb.TimeSeriesView(
-            origin=paths.TRENDS,
-            contents=[paths.trend(metric.name) for metric in group.metrics],
-            name=f"{group.title}, {unit_text(group.unit)}".rstrip(", "),
-            plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop, visible=len(group.metrics) > 1),
-            axis_x=_whole_time(),
-        )
-        for group in layout.trends
-    ]
-    below = rrb.Horizontal(
-        rrb.StateTimelineView(
-            origin="/",
-            contents=[paths.VISITS, paths.REGISTRATION, f"{paths.ALARMS}/**"],
-            name="Visits and alarms",
-            time_view=_whole_time(),
-        ),
-        rrb.TextLogView(
-            origin=paths.LOG,
-            name="Log",
-            columns=rrb.TextLogColumns(timeline_columns=[paths.SCAN_TIMELINE], text_log_columns=["LogLevel", "Body"]),
-        ),
-        column_shares=[4, 5],
-    )
-    columns: list[Any] = [
-        rrb.Vertical(_surface_view(layout), below, row_shares=[3, 1]),
-        rrb.Vertical(*maps),
-    ]
-    if trends:
-        columns.append(rrb.Vertical(*trends) if len(trends) <= 5 else rrb.Grid(*trends, grid_columns=2))
+    shown = layout.presets
+    tabs = [_TABS[name](layout) for name in shown]
     return rrb.Blueprint(
-        rrb.Horizontal(*columns, column_shares=[5, 2.2, 2.8][: len(columns)]),
+        rrb.Tabs(*tabs, active_tab=shown.index(preset) if preset in shown else 0),
         rrb.TimePanel(
             state="collapsed",
             timeline=paths.TIME_TIMELINE,
             playback_speed=max(_SCANS_PER_SECOND * layout.interval_s, 1.0),
             fps=_SCANS_PER_SECOND,
-            play_state="following",  # opens at the newest scan,
+            play_state="following",  # opens at the newest scan, and stays there where more come
         ),
         rrb.BlueprintPanel(state="hidden"),
         rrb.SelectionPanel(state="hidden"),
@@ -115,50 +91,141 @@ def review_blueprint(layout: Layout) -> rrb.Blueprint:
     )
 
 
-def _whole_time() -> rrb.TimeAxis:
-    """Show a campaign from its first to its last scan, whichever timeline is chosen."""
-    import rerun as rr
+def _overview(layout: Layout) -> Any:
     import rerun.blueprint as rrb
 
-    ends = rr.TimeRange(start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite())
-    return rrb.TimeAxis(view_range=ends)
-
-
-def _map_view(layout: Layout, origin: str, name: str, *, colour_bar: bool = True) -> rrb.Spatial2DView:
-    """Show a map whole, with room for its colour bar below."""
-    import rerun.blueprint as rrb
-
-    rows, columns = layout.map_shape
-    bottom = 1.2 if colour_bar else 1.02
-    return rrb.Spatial2DView(
-        origin=origin,
-        name=name,
-        background=list(_BACKGROUND),
-        visual_bounds=rrb.VisualBounds2D(
-            x_range=[-0.02 * columns, 1.02 * columns], y_range=[-0.02 * rows, bottom * rows]
+    return rrb.Horizontal(
+        rrb.Vertical(
+            rrb.Horizontal(
+                surface_view(layout.scales, "Surface now", far=1.4),
+                surface_view(layout.scales, "Baseline", baseline=True, far=1.4),
+            ),
+            rrb.Horizontal(lanes(), log(), column_shares=[4, 5]),
+            row_shares=[3, 1.2],
         ),
+        rrb.Vertical(*_maps(layout)),
+        _trends(layout, lambda name: True, 4),
+        column_shares=[5, 2.2, 2.8],
+        name="Overview",
     )
 
 
-def _surface_view(layout: Layout) -> rrb.Spatial3DView:
-    """Look at the whole surface from an oblique angle, from the front and a little from the left."""
+def _cracks(layout: Layout) -> Any:
     import rerun.blueprint as rrb
 
-    x_low, x_high, y_low, y_high = layout.grid.extent_mm
-    middle = (layout.height.low + layout.height.high) / 2 * layout.exaggeration
-    centre = np.array([(x_low + x_high) / 2, (y_low + y_high) / 2, middle])
-    reach = float(np.hypot(x_high - x_low, y_high - y_low))
-    eye = centre + reach * np.array([-0.27, -0.62, 0.6])
-    taller = "" if layout.exaggeration == 1 else f", heights drawn {plain(layout.exaggeration)} times taller"
-    return rrb.Spatial3DView(
-        origin=paths.SURFACE,
-        name=f"Surface, mm{taller}",
-        background=rrb.Background(color=list(_BACKGROUND), kind=rrb.BackgroundKind.SolidColor),
-        line_grid=rrb.LineGrid3D(visible=False),
-        eye_controls=rrb.EyeControls3D(
-            kind=rrb.Eye3DKind.Orbital,
-            position=eye.tolist(),
-            look_target=(centre - [0, 0.03 * reach, 0]).tolist(),
-            eye_up=[0.0, 0.0, 1.0],
+    scales = layout.scales
+    return rrb.Horizontal(
+        rrb.Vertical(
+            surface_view(scales, "Surface by change, cracks", colours="change", cracks=True),
+            rrb.Horizontal(lanes(), document(paths.CRACK_TABLE, "Cracks of this scan"), column_shares=[2, 3]),
+            row_shares=[3, 1.5],
         ),
+        rrb.Vertical(
+            map_view(scales, paths.HEIGHT, "Height and cracks, number: mean width", paths.CRACKS),
+            map_view(scales, paths.CAMERA, "Camera and cracks", paths.CRACKS, bar=False),
+        ),
+        rrb.Vertical(
+            series_view(paths.CRACK_WIDTHS, "Mean width of each crack, mm"),
+            *_trend_views(layout, lambda name: name.startswith("crack_"), 3),
+        ),
+        column_shares=[4, 3, 3],
+        name="Cracks",
     )
+
+
+def _curl(layout: Layout) -> Any:
+    import rerun.blueprint as rrb
+
+    scales = layout.scales
+    return rrb.Horizontal(
+        rrb.Vertical(
+            surface_view(scales, "Surface by change", colours="change"),
+            document(paths.PLATE_TABLE, "Plates of this scan"),
+            row_shares=[3, 1.5],
+        ),
+        rrb.Vertical(
+            map_view(scales, paths.PLATES, "Plates, number: lift of the rim", bar=paths.CHANGE),
+            *_maps(layout)[: int(scales.change_limit_mm > 0)],
+        ),
+        rrb.Vertical(
+            series_view(paths.PLATE_LIFTS, "Lift of each plate's rim, mm"),
+            *_trend_views(layout, lambda name: name.startswith(_CURL), 3),
+        ),
+        column_shares=[4, 3, 3],
+        name="Curl",
+    )
+
+
+def _video(layout: Layout) -> Any:
+    import rerun.blueprint as rrb
+
+    return rrb.Horizontal(
+        rrb.Vertical(surface_view(layout.scales, "Surface now"), log(), row_shares=[4, 1]),
+        rrb.Vertical(*_maps(layout)),
+        rrb.Vertical(
+            *_trend_views(layout, lambda name: True, 2),
+            series_view(f"{paths.QUALITY}/residual", "Registration residual, µm"),
+        ),
+        column_shares=[5, 2.5, 2.5],
+        name="Video",
+    )
+
+
+def _quality(layout: Layout) -> Any:
+    import rerun.blueprint as rrb
+
+    scales = layout.scales
+    return rrb.Horizontal(
+        rrb.Vertical(
+            surface_view(scales, "Surface by level of stripes", colours="level"),
+            rrb.Horizontal(lanes(), document(paths.ABOUT, "This scan and its provenance")),
+            row_shares=[3, 2],
+        ),
+        rrb.Vertical(
+            map_view(scales, paths.SIGMA, "Standard uncertainty, mm: dark is sure"),
+            map_view(scales, paths.LEVEL, "Stripes resolved"),
+            map_view(scales, paths.CAMERA, "Camera", bar=False),
+        ),
+        rrb.Vertical(
+            series_view(f"{paths.QUALITY}/coverage", "Measured, %"),
+            series_view(f"{paths.QUALITY}/residual", "Registration residual, µm"),
+            series_view(f"{paths.QUALITY}/sigma", "Median standard uncertainty, µm"),
+            log(),
+        ),
+        column_shares=[4, 2.4, 3],
+        name="Quality",
+    )
+
+
+_TABS: dict[Preset, Callable[[Layout], Any]] = {
+    "overview": _overview,
+    "cracks": _cracks,
+    "curl": _curl,
+    "video": _video,
+    "quality": _quality,
+}
+
+
+def _maps(layout: Layout) -> list[Any]:
+    maps = [
+        map_view(layout.scales, paths.HEIGHT, "Height, mm: dark is low, yellow is high"),
+        map_view(layout.scales, paths.CAMERA, "Camera", bar=False),
+    ]
+    if layout.scales.change_limit_mm > 0:
+        maps.insert(0, map_view(layout.scales, paths.CHANGE, "Change, mm: red lost, blue gained"))
+    return maps
+
+
+def _trends(layout: Layout, wanted: Callable[[str], bool], rows: int) -> Any:
+    """Show trends one below the other, in two columns where there are many; the scan's facts where there are none."""
+    import rerun.blueprint as rrb
+
+    views = _trend_views(layout, wanted, None)
+    if not views:
+        return document(paths.ABOUT, "This scan and its provenance")
+    return rrb.Vertical(*views) if len(views) <= rows else rrb.Grid(*views, grid_columns=2)
+
+
+def _trend_views(layout: Layout, wanted: Callable[[str], bool], most: int | None) -> list[Any]:
+    groups = [group for group in layout.trends if any(wanted(metric.name) for metric in group.metrics)]
+    return [trend_view(group, layout.limits) for group in groups[:most]]

@@ -18,8 +18,9 @@ __all__ = [
     "BELOW_DETECTION",
     "CHANGE_SCALE",
     "HEIGHT_SCALE",
+    "LEVEL_SCALE",
+    "LINES",
     "NOT_MEASURED",
-    "SERIES",
     "STATE_COLOURS",
     "VISIT_COLOURS",
     "colour_table",
@@ -62,6 +63,16 @@ HEIGHT_SCALE: tuple[Rgb, ...] = (
 )
 """Dark is low, yellow is high."""
 
+LEVEL_SCALE: tuple[Rgb, ...] = (
+    (28, 100, 170),
+    (86, 180, 233),
+    (190, 225, 245),
+    (240, 228, 66),
+    (230, 159, 0),
+    (213, 94, 0),
+)
+"""From the finest stripes, which all cells of a good scan resolve, to six steps coarser and more."""
+
 STATE_COLOURS: dict[AlarmState, Rgb] = {
     "ok": (0, 158, 115),
     "warning": (230, 159, 0),
@@ -79,8 +90,15 @@ VISIT_COLOURS: dict[str, Rgb] = {
     "failed": (213, 94, 0),
 }
 
-SERIES: tuple[Rgb, ...] = ((86, 180, 233), (230, 159, 0), (0, 158, 115), (204, 121, 167), (213, 94, 0), (240, 228, 66))
-"""Lines that share one plot, in this order."""
+LINES: tuple[Rgb, ...] = (
+    (86, 180, 233),
+    (240, 228, 66),
+    (204, 121, 167),
+    (0, 158, 115),
+    (225, 225, 225),
+    (0, 114, 178),
+)
+"""Lines on dark that share one plot, in this order; none has the colour of a warning's or an alarm's limit."""
 
 
 @lru_cache(maxsize=8)

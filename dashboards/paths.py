@@ -5,19 +5,32 @@ from __future__ import annotations
 import re
 
 __all__ = [
+    "ABOUT",
     "ALARMS",
     "APPLICATION",
+    "BASELINE",
     "CAMERA",
     "CHANGE",
+    "CRACKS",
+    "CRACK_TABLE",
+    "CRACK_WIDTHS",
     "HEIGHT",
+    "LEVEL",
+    "LIMITS",
     "LOG",
+    "PLATES",
+    "PLATE_LIFTS",
+    "PLATE_TABLE",
+    "QUALITY",
     "REGISTRATION",
     "SCAN_TIMELINE",
+    "SIGMA",
     "SURFACE",
     "TIME_TIMELINE",
     "TRENDS",
     "VISITS",
     "alarm",
+    "limit",
     "trend",
 ]
 
@@ -26,10 +39,22 @@ TIME_TIMELINE = "time"
 SCAN_TIMELINE = "scan"
 
 SURFACE = "/surface"
+BASELINE = "/baseline"
 CHANGE = "/maps/change"
 HEIGHT = "/maps/height"
-CAMERA = "/camera"
+SIGMA = "/maps/sigma"
+LEVEL = "/maps/level"
+CAMERA = "/maps/camera"
+CRACKS = "/maps/cracks"
+PLATES = "/maps/plates"
+CRACK_TABLE = "/tables/cracks"
+PLATE_TABLE = "/tables/plates"
+ABOUT = "/tables/scan"
+CRACK_WIDTHS = "/cracks"
+PLATE_LIFTS = "/plates"
+QUALITY = "/quality"
 TRENDS = "/trends"
+LIMITS = "/limits"
 VISITS = "/visits"
 REGISTRATION = "/registration"
 ALARMS = "/alarm"
@@ -39,6 +64,11 @@ LOG = "/log"
 def trend(metric: str) -> str:
     """Path of one metric's trend."""
     return f"{TRENDS}/{metric}"
+
+
+def limit(metric: str, number: int) -> str:
+    """Path of one limit of a metric."""
+    return f"{LIMITS}/{metric}/{number}"
 
 
 def alarm(name: str) -> str:

@@ -8,9 +8,22 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from .palette import CHANGE_SCALE, HEIGHT_SCALE, NOT_MEASURED, Rgb, colour_table
+from .palette import CHANGE_SCALE, HEIGHT_SCALE, LEVEL_SCALE, NOT_MEASURED, Rgb, colour_table
 
-__all__ = ["Range", "block_mean", "change_png", "height_png", "round_limit", "shrink_factor", "texture_png", "tone"]
+__all__ = [
+    "Range",
+    "above_detection",
+    "block_mean",
+    "change_png",
+    "height_png",
+    "level_png",
+    "plates_png",
+    "round_limit",
+    "shrink_factor",
+    "texture_jpeg",
+    "texture_png",
+    "tone",
+]
 
 _HOLE = 255
 
@@ -47,14 +60,26 @@ def block_mean(cells: npt.NDArray[np.float32], factor: int) -> npt.NDArray[np.fl
     """
     if factor == 1:
         return cells
-    rows, columns = (-(-side // factor) * factor for side in cells.shape)
-    padded = np.pad(cells, ((0, rows - cells.shape[0]), (0, columns - cells.shape[1])), constant_values=np.nan)
-    blocks = padded.reshape(rows // factor, factor, columns // factor, factor)
-    measured = np.isfinite(blocks)
-    count = measured.sum(axis=(1, 3))
-    total = np.where(measured, blocks, 0).sum(axis=(1, 3), dtype=np.float32)
+    measured = np.isfinite(cells)
+    total = _block_sum(np.where(measured, cells, np.float32(0)), factor)
+    count = _block_sum(measured.astype(np.float32), factor)
     enough = 2 * count >= factor * factor
-    return np.where(enough, total / np.maximum(count, 1), np.nan).astype(np.float32)
+    return np.where(enough, total / np.maximum(count, 1), np.float32(np.nan))
+
+
+def _block_sum(cells: npt.NDArray[np.float32], factor: int) -> npt.NDArray[np.float32]:
+    """Add up square blocks; what a whole block lacks at the end counts nothing."""
+    rows, columns = (-(-side // factor) * factor for side in cells.shape)
+    if (rows, columns) != cells.shape:
+        cells = np.pad(cells, ((0, rows - cells.shape[0]), (0, columns - cells.shape[1])))
+    # whole slices: adding along the short axes of a reshaped array costs five times as much
+    along = cells[::factor].copy()
+    for row in range(1, factor):
+        along += cells[row::factor]
+    summed = along[:, ::factor].copy()
+    for column in range(1, factor):
+        summed += along[:, column::factor]
+    return summed
 
 
 def tone(cells: npt.NDArray[np.float32], span: Range) -> npt.NDArray[np.uint8]:
@@ -78,9 +103,57 @@ def change_png(
     Red is lost, blue is gained, grey was not measured in one of the two scans.
     """
     factor = shrink_factor(dz.shape[0], dz.shape[1], most)
-    # Masked before shrinking: a mean of insignificant cells would look like a significant small change.
-    shown = np.where((np.abs(dz) > lod) | ~np.isfinite(dz), dz, np.float32(0)).astype(np.float32)
-    return _indexed_png(tone(block_mean(shown, factor), Range(-limit_mm, limit_mm)), CHANGE_SCALE)
+    shown = block_mean(above_detection(dz, lod), factor)
+    return _indexed_png(tone(shown, Range(-limit_mm, limit_mm)), CHANGE_SCALE)
+
+
+def above_detection(dz: npt.NDArray[np.float32], lod: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Give the change with 0 where it is below its level of detection, NaN where it was not measured.
+
+    For before shrinking: a mean of insignificant cells would look like a significant small change.
+    """
+    return np.where((np.abs(dz) > lod) | ~np.isfinite(dz), dz, np.float32(0)).astype(np.float32)
+
+
+def level_png(level: npt.NDArray[np.uint8], most: int) -> bytes:
+    """Draw which stripes each cell resolved, from the finest on, largest y on top; grey was not measured."""
+    factor = shrink_factor(level.shape[0], level.shape[1], most)
+    shown = level[::factor, ::factor]
+    steps = np.where(shown == _HOLE, len(LEVEL_SCALE), np.minimum(shown, len(LEVEL_SCALE) - 1)).astype(np.uint8)
+    from PIL import Image
+
+    picture = Image.fromarray(np.flipud(steps))
+    picture.putpalette(bytes(channel for colour in (*LEVEL_SCALE, NOT_MEASURED) for channel in colour))
+    return _png(picture)
+
+
+def plates_png(
+    cells: npt.NDArray[np.int32], values: npt.NDArray[np.float32], span: Range, shape: tuple[int, int]
+) -> bytes:
+    """Draw each plate in the colour of its value on the scale of change, largest y on top; grey where there is none.
+
+    `values` holds one for each label of `cells`, NaN where it was not measured; the map is brought to `shape`.
+    """
+    from PIL import Image
+
+    values = values.copy()
+    values[0] = np.nan
+    steps = tone(values, span)[cells]
+    picture = Image.fromarray(np.flipud(steps))
+    if picture.size != shape[::-1]:
+        picture = picture.resize(shape[::-1], Image.Resampling.NEAREST)
+    picture.putpalette(colour_table(CHANGE_SCALE).tobytes() + bytes(NOT_MEASURED))
+    return _png(picture)
+
+
+def texture_jpeg(texture: npt.NDArray[np.uint8], most: int) -> bytes:
+    """Draw the camera's picture in grey, largest y on top, a tenth of a PNG's size."""
+    from PIL import Image
+
+    factor = shrink_factor(texture.shape[0], texture.shape[1], most)
+    file = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(np.flipud(texture[::factor, ::factor]))).save(file, "JPEG", quality=88)
+    return file.getvalue()
 
 
 def texture_png(texture: npt.NDArray[np.uint8], most: int = 1_000_000) -> bytes:

@@ -9,19 +9,37 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from urllib.parse import quote
 
 from configs import InputError, MicroreliefError
 
-__all__ = ["NO_SCREEN", "check_ports", "has_screen", "open_command", "open_viewer", "serve_web", "viewer_program"]
+__all__ = [
+    "LOCAL",
+    "MEMORY",
+    "NO_SCREEN",
+    "check_ports",
+    "end",
+    "free_port",
+    "has_screen",
+    "open_command",
+    "open_viewer",
+    "serve_web",
+    "start",
+    "viewer_program",
+    "wait_until_listening",
+]
 
 LOCAL = "127.0.0.1"
 NO_SCREEN = (
     "no screen here to open a window on: add --web to open the review in a browser, "
     "or --save FILE.rrd to look at it on another machine"
 )
+MEMORY = "700MB"
+"""What a viewer may hold of a recording before it lets go of what is far from the cursor; its own needs come on top."""
+
 _START_S = 20.0
 
 
@@ -62,14 +80,17 @@ def has_screen() -> bool:
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
-def open_viewer(rrd: Path, port: int | None = None) -> None:
+def open_viewer(source: str | Path, port: int | None = None, *, watch: Callable[[str], None] | None = None) -> None:
     """Show a recording in a window and return when that is closed.
 
     Parameters
     ----------
-    rrd : Path
+    source : str or Path
+        A file, or an address as `serve_shards` gives it; empty for a viewer that waits for what is sent to it.
     port : int, optional
         Where the viewer itself listens, on this machine alone; a free one without it.
+    watch : callable, optional
+        Called with the address at which the viewer takes what is sent to it, when it does.
 
     Raises
     ------
@@ -78,14 +99,20 @@ def open_viewer(rrd: Path, port: int | None = None) -> None:
     """
     if not has_screen():
         raise MicroreliefError(NO_SCREEN)
-    if port is not None:
+    if port is None:
+        port = free_port()
+    else:
         _check_free(port)
-    command = [str(viewer_program()), str(rrd), "--bind", LOCAL, "--port", "auto" if port is None else str(port)]
+    command = [str(viewer_program()), "--bind", LOCAL, "--port", str(port), "--memory-limit", MEMORY]
+    command += ["--hide-welcome-screen", *([str(source)] if source else ["--expect-data-soon"])]
     viewer = subprocess.Popen(command, env=_quiet(), stderr=subprocess.PIPE, text=True)
     try:
+        if watch is not None:
+            wait_until_listening(viewer, port)
+            watch(f"rerun+http://{LOCAL}:{port}/proxy")
         said = viewer.communicate()[1]
     finally:
-        _end(viewer)
+        end(viewer)
     if viewer.returncode not in (0, 130, -2):
         raise MicroreliefError(
             f"the Rerun viewer ended with code {viewer.returncode} ({_last_line(said)}): "
@@ -94,14 +121,16 @@ def open_viewer(rrd: Path, port: int | None = None) -> None:
 
 
 @contextmanager
-def serve_web(rrd: Path, port: int = 9090) -> Iterator[tuple[str, subprocess.Popen[str]]]:
+def serve_web(source: str | Path, port: int = 9090) -> Iterator[tuple[str, subprocess.Popen[str]]]:
     """Serve a recording to browsers on this machine, on 127.0.0.1 alone.
 
     Parameters
     ----------
-    rrd : Path
+    source : str or Path
+        A file, or the address of a catalog that is served already; empty for a recording that will be sent to
+        ``port + 1``.
     port : int
-        Of the page; the data come through the next one, ``port + 1``.
+        Of the page; the data of a file come through the next one, ``port + 1``.
 
     Yields
     ------
@@ -115,19 +144,37 @@ def serve_web(rrd: Path, port: int = 9090) -> Iterator[tuple[str, subprocess.Pop
     MicroreliefError
         If a port is taken or the server fails.
     """
-    check_ports(port)
-    command = [str(viewer_program()), str(rrd), "--serve-web", "--bind", LOCAL]
-    command += ["--web-viewer-port", str(port), "--port", str(port + 1), "--server-memory-limit", "50%"]
-    server = subprocess.Popen(command, env=_quiet(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True)
+    address = str(source)
+    served = "://" in address
+    check_ports(port, 1 if served else 2)
+    command = [str(viewer_program()), "--serve-web", "--bind", LOCAL, "--web-viewer-port", str(port)]
+    if not served:
+        command += ["--port", str(port + 1), "--server-memory-limit", "50%" if address else MEMORY]
+    server = start([*command, *([address] if address else [])])
     try:
-        _wait_until_listening(server, port)
-        _wait_until_listening(server, port + 1)
-        yield f"http://{LOCAL}:{port}/?url=rerun%2Bhttp%3A%2F%2F{LOCAL}%3A{port + 1}%2Fproxy", server
+        wait_until_listening(server, port)
+        if not served:
+            wait_until_listening(server, port + 1)
+            address = f"rerun+http://{LOCAL}:{port + 1}/proxy"
+        yield f"http://{LOCAL}:{port}/?url={quote(address, safe='')}", server
     finally:
-        _end(server)
+        end(server)
 
 
-def _end(program: subprocess.Popen[str]) -> None:
+def start(command: list[str]) -> subprocess.Popen[str]:
+    """Start a server of Rerun's that says nothing."""
+    return subprocess.Popen(command, env=_quiet(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True)
+
+
+def free_port() -> int:
+    """Find a port of this machine on which nothing listens now."""
+    with socket.socket() as probe:
+        probe.bind((LOCAL, 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def end(program: subprocess.Popen[str]) -> None:
     """End a program that still runs: politely, then not."""
     if program.poll() is not None:
         return
@@ -139,10 +186,10 @@ def _end(program: subprocess.Popen[str]) -> None:
         program.wait()
 
 
-def check_ports(port: int) -> None:
+def check_ports(port: int, count: int = 2) -> None:
     """Refuse a port for a page, or the next one for its data, that is taken or does not exist."""
-    _check_free(port)
-    _check_free(port + 1)
+    for number in range(port, port + count):
+        _check_free(number)
 
 
 def _check_free(port: int) -> None:
@@ -159,7 +206,8 @@ def _check_free(port: int) -> None:
             ) from None
 
 
-def _wait_until_listening(server: subprocess.Popen[str], port: int) -> None:
+def wait_until_listening(server: subprocess.Popen[str], port: int) -> None:
+    """Wait for a server of ours; raise MicroreliefError where it does not come up."""
     deadline = time.monotonic() + _START_S
     while time.monotonic() < deadline:
         if server.poll() is not None:

@@ -12,7 +12,7 @@ from .ledger import Ledger, LedgerAddress, LedgerRow, LedgerWriteError, SlotStat
 from .location import store_exists, writer_of
 from .network import network_file_system
 from .packing import Packing, fitting_packing
-from .past import Snapshot, snapshots
+from .past import Snapshot, only_grown, snapshots
 from .pattern_file import read_patterns, write_patterns
 from .point_file import holds_points, read_points
 from .rework import Rework
@@ -64,6 +64,7 @@ __all__ = [
     "ledger_beside",
     "line_history",
     "network_file_system",
+    "only_grown",
     "open_store",
     "read_capture",
     "read_height_map",

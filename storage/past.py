@@ -15,8 +15,9 @@ from pipelines import Instant, format_instant, instant, parse_instant
 
 from .location import BRANCH, Location, location_of
 from .repository import open_repository, short, unfinished
+from .store import Store
 
-__all__ = ["Moment", "Snapshot", "snapshot_at", "snapshots"]
+__all__ = ["Moment", "Snapshot", "only_grown", "snapshot_at", "snapshots"]
 
 Moment = Instant | datetime | str
 """An instant, an aware datetime, or text such as 2026-11-22T21:00:00Z."""
@@ -44,6 +45,25 @@ def snapshots(path: str | Path) -> Iterator[Snapshot]:
     """
     repository = open_repository(location_of(path))
     return (_snapshot(info) for info in _ancestry(repository))
+
+
+def only_grown(store: Store, since: str) -> bool:
+    """Whether a store still holds what it held in the snapshot `since`, and what came after was appended.
+
+    False where scans were written again in between (`Rework`), where the store went back to an older snapshot, and
+    where `since` has expired. Reads the commits since then alone.
+    """
+    if store.about.snapshot == since:
+        return True
+    repository = getattr(store, "repository", None)
+    if repository is None:
+        return False
+    for info in repository.ancestry(snapshot_id=store.about.snapshot):
+        if info.id == since:
+            return True
+        if "process" in dict(info.metadata):
+            return False
+    return False
 
 
 def snapshot_at(repository: Any, location: Location, snapshot: str | None, as_of: Moment | None) -> str:

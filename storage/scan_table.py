@@ -1,13 +1,16 @@
-"""ScanTable: one row per scan of what alarms look back on: its time, its epoch, how it was registered, its metrics."""
+"""ScanTable: one row per scan of what is known beside its cells: times, epoch, registration, alarms, metrics."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+
+from pipelines import AlarmState
 
 from .icechunk_store import IcechunkStore
 from .layout import metrics_of
@@ -25,23 +28,25 @@ class ScanTable:
 
     Parameters
     ----------
-    times : ndarray of datetime64[ns], shape (scans,)
+    times, planned : ndarray of datetime64[ns], shape (scans,)
+        When each was taken, and its slot of the schedule.
     epochs : ndarray of int, shape (scans,)
     verdicts : tuple of str
         Of the registration: ``good``, ``doubtful`` or ``failed``; empty for a baseline.
-    planned : ndarray of datetime64[ns], shape (scans,)
-        When each was due.
     calibrations : tuple of str
         Id of the calibration that placed each; empty for a height map from elsewhere.
+    alarms : tuple of (mapping of str to str)
+        State of each alarm after each scan.
     metrics : mapping of str to (ndarray of float64, ndarray of float64), each of shape (scans,)
         Values and standard uncertainties; NaN where not measured.
     """
 
     times: npt.NDArray[np.datetime64]
+    planned: npt.NDArray[np.datetime64]
     epochs: npt.NDArray[np.int64]
     verdicts: tuple[str, ...]
-    planned: npt.NDArray[np.datetime64]
     calibrations: tuple[str, ...]
+    alarms: tuple[Mapping[str, AlarmState], ...]
     metrics: Mapping[str, tuple[Floats, Floats]]
 
     def __len__(self) -> int:
@@ -56,10 +61,11 @@ def scan_table(store: Store) -> ScanTable:
     series = store.series()
     return ScanTable(
         np.array([each.scan.time for each in scans], dtype="datetime64[ns]"),
+        np.array([each.planned for each in scans], dtype="datetime64[ns]"),
         np.array([each.epoch for each in scans], dtype=np.int64),
         tuple(each.change.motion.verdict if each.change is not None else "" for each in scans),
-        np.array([each.planned for each in scans], dtype="datetime64[ns]"),
         tuple(each.scan.calibration_id for each in scans),
+        tuple(each.alarms for each in scans),
         {name: (series[name].to_numpy(), series[f"{name}_sigma"].to_numpy()) for name in store.about.metrics},
     )
 
@@ -69,9 +75,10 @@ def table_of(root: Any) -> ScanTable:
     table = root["metrics"]
     return ScanTable(
         root["scans/time"][:].astype("datetime64[ns]"),
+        root["scans/planned"][:].astype("datetime64[ns]"),
         root["scans/epoch"][:].astype(np.int64),
         tuple(str(verdict) for verdict in root["change/verdict"][:]),
-        root["scans/planned"][:].astype("datetime64[ns]"),
         tuple(str(calibration) for calibration in root["scans/calibration"][:]),
+        tuple(json.loads(str(states)) for states in root["scans/alarms"][:]),
         {name: (table[name][:], table[f"{name}_sigma"][:]) for name in metrics_of(table)},
     )

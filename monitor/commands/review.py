@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 import tempfile
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,58 +15,90 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from configs import InputError, MicroreliefError
-from dashboards import NO_SCREEN, check_ports, has_screen, open_command, open_viewer, record_review, serve_web
+from dashboards import (
+    NO_SCREEN,
+    Preset,
+    check_not_empty,
+    check_ports,
+    has_screen,
+    open_command,
+    open_viewer,
+    record_review,
+    serve_web,
+)
 from storage import Store, open_store
 
+from ..following import follow_store
 from ..progress import progress
+from ..reviewing import crack_region, served_review
 
 __all__ = ["review"]
 
 
 def review(
-    store: Path,
+    store: str,
     *,
+    preset: Preset = "overview",
+    follow: Annotated[bool, Parameter(negative="")] = False,
+    scans: str | None = None,
     web: Annotated[bool, Parameter(negative="")] = False,
     save: Path | None = None,
     port: int | None = None,
+    origin: str = "",
 ) -> int:
     """Look at every scan of a store on a timeline: surface, maps, trends, alarms, log.
 
-    Opens the Rerun viewer. The store is only read, so this may be done while a campaign runs.
+    Opens the Rerun viewer. The store is only read, so this may be done while a campaign runs. What was drawn is kept in
+    a folder NAME.review beside the store, a file for each day, and only what is new is drawn the next time; the folder
+    may be deleted.
 
     Parameters
     ----------
     store
         The store: a folder or s3://bucket/prefix.
+    preset
+        What is in front; the others are tabs of the same window.
+    follow
+        Go along with a campaign or video that is running: the last hour first, then each scan as it comes.
+    scans
+        Only these scans, at full resolution: FIRST:LAST, both included; negative numbers count from the newest.
     web
         Serve the review to a browser on this machine (127.0.0.1 alone) and print the link.
     save
         Write the review to this .rrd file instead of showing it.
     port
         Port of the web page, 9090 if none is given, or of the viewer.
+    origin
+        With --web behind a reverse proxy: the address that the page has there, such as https://review.example.org.
 
     Examples
     --------
     microrelief review demo/demo.icechunk --web
+    microrelief review site.icechunk --preset cracks --scans -10:-1
     """
     if web and save is not None:
         raise InputError("--web and --save exclude each other: choose one")
+    if follow and (save is not None or scans is not None):
+        raise InputError(f"--follow and {'--save' if save is not None else '--scans'} exclude each other: choose one")
     if not web and save is None and not has_screen():
         raise MicroreliefError(NO_SCREEN)
+    chosen = None if scans is None else _range(scans)
+    page = 9090 if port is None else port
+    if web:
+        check_ports(page)  # before the work of drawing
     opened = open_store(store)
     try:
-        if save is not None:
-            _record(opened, save)
-            size = save.stat().st_size / 1e6
-            print(f"wrote {save} ({size:.1f} MB, {len(opened)} scans); open it with: {open_command(save)}")
-        else:
-            with _ended_by_sigterm(), tempfile.TemporaryDirectory(prefix="microrelief-") as folder:
-                rrd = Path(folder) / "review.rrd"
-                if web:
-                    _show_in_browser(opened, rrd, 9090 if port is None else port)
-                else:
-                    _record(opened, rrd)
-                    open_viewer(rrd, port)
+        with _ended_by_sigterm():
+            if save is not None:
+                _record(opened, save, preset, chosen)
+                size = save.stat().st_size / 1e6
+                told = f"{len(opened)} scans" if chosen is None else f"scans {scans}"
+                print(f"wrote {save} ({size:.1f} MB, {told}); open it with: {open_command(save)}")
+            elif follow:
+                _follow(opened, store, preset, page if web else port, web=web)
+            else:
+                with _source(opened, preset, chosen, page + 1 if web else None, origin) as source:
+                    _show(source, page if web else port, web=web)
     except KeyboardInterrupt:
         print("stopped", file=sys.stderr)
     finally:
@@ -73,18 +106,72 @@ def review(
     return 0
 
 
-def _record(store: Store, file: Path) -> None:
+@contextmanager
+def _source(
+    opened: Store, preset: Preset, chosen: tuple[int, int] | None, port: int | None, origin: str
+) -> Iterator[str | Path]:
+    """Give what a viewer opens: the shards of the whole store, or a file of the chosen scans."""
+    if chosen is not None:
+        with tempfile.TemporaryDirectory(prefix="microrelief-") as folder:
+            rrd = Path(folder) / "review.rrd"
+            _record(opened, rrd, preset, chosen)
+            yield rrd
+        return
+    with progress("recording scans") as step, served_review(opened, preset, port, step, origin=origin) as address:
+        yield address
+
+
+def _record(store: Store, file: Path, preset: Preset, chosen: tuple[int, int] | None) -> None:
     with progress("recording scans") as step:
-        record_review(store, file, progress=step)
+        record_review(store, file, preset=preset, scans=chosen, region=crack_region(store), progress=step)
 
 
-def _show_in_browser(store: Store, rrd: Path, port: int) -> None:
-    check_ports(port)  # before the work of recording
-    _record(store, rrd)
-    with serve_web(rrd, port) as (link, server):
+def _show(source: str | Path, port: int | None, *, web: bool) -> None:
+    if not web:
+        open_viewer(source, port)
+        return
+    assert port is not None
+    with serve_web(source, port) as (link, server):
         print(f"review at {link} (Ctrl-C ends it)", flush=True)
         code = server.wait()
     raise MicroreliefError(f"the review server ended by itself with code {code}: start it again")
+
+
+def _follow(opened: Store, path: str, preset: Preset, port: int | None, *, web: bool) -> None:
+    check_not_empty(opened)
+    ended = threading.Event()
+    failures: list[Exception] = []
+
+    def go_along(address: str) -> None:
+        try:
+            follow_store(opened, path, address, preset, ended)
+        except Exception as error:  # noqa: BLE001 - told when the viewer is closed
+            failures.append(error)
+
+    def begin(address: str) -> None:
+        threading.Thread(target=go_along, args=(address,), name="follow", daemon=True).start()
+
+    try:
+        if web:
+            assert port is not None
+            with serve_web("", port) as (link, server):
+                print(f"review at {link} (Ctrl-C ends it)", flush=True)
+                begin(f"rerun+http://127.0.0.1:{port + 1}/proxy")
+                code = server.wait()
+            raise MicroreliefError(f"the review server ended by itself with code {code}: start it again")
+        open_viewer("", port, watch=begin)
+    finally:
+        ended.set()
+    if failures:
+        raise failures[0]
+
+
+def _range(text: str) -> tuple[int, int]:
+    first, _, last = text.partition(":")
+    try:
+        return int(first), int(last or first)
+    except ValueError:
+        raise InputError(f"--scans {text}: give two numbers, FIRST:LAST, such as 12:20 or -10:-1") from None
 
 
 @contextmanager

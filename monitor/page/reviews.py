@@ -1,17 +1,18 @@
-"""Reviews: the Rerun viewer of a site, recorded and served when somebody asks for it, one at a time."""
+"""Reviews: the Rerun viewer of a site, drawn and served when somebody asks for it, one at a time."""
 
 from __future__ import annotations
 
 import socket
-import tempfile
 import threading
 from contextlib import ExitStack
 from pathlib import Path
 
 import structlog
 
-from dashboards import record_review, serve_web
+from dashboards import serve_web
 from storage import open_store
+
+from ..reviewing import served_review
 
 __all__ = ["Reviews"]
 
@@ -60,10 +61,9 @@ class Reviews:
     def _work(self, path: str | Path) -> None:
         stack = ExitStack()
         try:
-            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="microrelief-"))
-            rrd = Path(folder) / "review.rrd"
-            record_review(open_store(path), rrd)
-            link, _ = stack.enter_context(serve_web(rrd, _two_free_ports()))
+            page = _two_free_ports()
+            address = stack.enter_context(served_review(open_store(path), port=page + 1))
+            link, _ = stack.enter_context(serve_web(address, page))
         except Exception as error:  # noqa: BLE001 - the page says why, and goes on
             stack.close()
             _log.error("review", error=f"{type(error).__name__}: {error}")

@@ -2,8 +2,8 @@
 
 from .compare import compare
 from .crack_depths import CrackDepths, crack_depths
-from .crack_identity import CrackHistory, CrackSighting, CrackSightings, follow_cracks, next_cracks
-from .crack_names import CrackEvent
+from .crack_identity import CrackHistory, CrackLine, CrackSighting, CrackSightings, follow_cracks, next_cracks
+from .crack_names import CrackEvent, CrackMemory
 from .crack_sizes import CrackSize
 from .crack_tips import CrackTip
 from .crack_widths import CrackOpenings, crack_openings
@@ -38,6 +38,8 @@ __all__ = [
     "CrackDepths",
     "CrackEvent",
     "CrackHistory",
+    "CrackLine",
+    "CrackMemory",
     "CrackOpenings",
     "CrackRule",
     "CrackSighting",

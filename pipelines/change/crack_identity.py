@@ -12,14 +12,16 @@ import numpy.typing as npt
 from ..instant import Instant
 from ..scan import Scan
 from .crack_depths import crack_depths
-from .crack_graph import graph_of
+from .crack_graph import CrackGraph, graph_of
 from .crack_names import CrackEvent, CrackMemory, name_cracks
 from .crack_sizes import CrackSize, crack_cells, crack_sizes
 from .crack_tips import CrackTip, TipMemory, crack_tips
 from .crack_widths import crack_openings
 from .cracks import CrackRule, crack_mask
 
-__all__ = ["CrackHistory", "CrackSighting", "CrackSightings", "follow_cracks", "next_cracks"]
+__all__ = ["CrackHistory", "CrackLine", "CrackSighting", "CrackSightings", "follow_cracks", "next_cracks"]
+
+Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +49,22 @@ class CrackSighting:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class CrackLine:
+    """A stretch of one crack's centre line, between two meetings or ends.
+
+    Parameters
+    ----------
+    identity : int
+    x_mm, y_mm : ndarray of float64, shape (n,)
+        Its points in order, site frame.
+    """
+
+    identity: int
+    x_mm: Floats
+    y_mm: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class CrackHistory:
     """What was seen of cracks before a scan: a value, from which the next scan goes on."""
 
@@ -66,6 +84,8 @@ class CrackSightings:
         By identity.
     identities : ndarray of int32, shape (rows, columns)
         Crack that each cell belongs to, 0 for none.
+    lines : tuple of CrackLine
+        Where they run.
     events : tuple of CrackEvent
         What began, branched, met and merged since the scan before.
     history : CrackHistory
@@ -75,6 +95,7 @@ class CrackSightings:
     time: Instant
     cracks: tuple[CrackSighting, ...]
     identities: npt.NDArray[np.int32]
+    lines: tuple[CrackLine, ...]
     events: tuple[CrackEvent, ...]
     history: CrackHistory
 
@@ -155,7 +176,18 @@ def next_cracks(
         newest |= {tip.number: TipMemory(tip, scan.time) for tip in seen}
         remembered[one] = tuple(newest[number] for number in sorted(newest))
     after = CrackHistory(named.memory, MappingProxyType(remembered), MappingProxyType(parent))
-    return CrackSightings(scan.time, cracks, cells, named.events, after)
+    return CrackSightings(scan.time, cracks, cells, _lines(graph, named.identity), named.events, after)
+
+
+def _lines(graph: CrackGraph, identity: npt.NDArray[np.intp]) -> tuple[CrackLine, ...]:
+    """Cut each line of the graph where its name changes: two cracks that meet may share one."""
+    found = []
+    for line in graph.lines:
+        for points in np.split(line.points, np.flatnonzero(np.diff(identity[line.points])) + 1):
+            if points.size > 1 and identity[points[0]] > 0:
+                x, y = graph.places[points].T
+                found.append(CrackLine(int(identity[points[0]]), x, y))
+    return tuple(found)
 
 
 def _merged_tips(

@@ -20,9 +20,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
+import psutil
 from PIL import Image
 
-from dashboards.viewer import viewer_program
+from dashboards.viewer import free_port, viewer_program
 
 if TYPE_CHECKING:
     from rerun.experimental import ViewerClient
@@ -47,12 +48,18 @@ def missing_libraries() -> str:
 
 
 class Looker:
-    """A headless viewer that shows one recording."""
+    """A headless viewer that shows one recording at a time."""
 
-    def __init__(self, client: ViewerClient, rrd: Path, patience_s: float = 60.0) -> None:
+    def __init__(self, client: ViewerClient, pid: int, patience_s: float = 60.0) -> None:
         self._client = client
+        self._pid = pid
         self._patience_s = patience_s
-        client.open(str(rrd))
+
+    def open(self, source: Path | str) -> None:
+        """Show a recording, an .rrd file or an address, instead of what is shown."""
+        if self._client.get_state().recordings:
+            self._client.close("all")
+        self._client.open(str(source))
         self._wait_until_loaded()
 
     def _wait_until_loaded(self) -> None:
@@ -76,8 +83,23 @@ class Looker:
 
     @property
     def views(self) -> dict[str, View]:
-        """All views that are shown, by name."""
+        """All views of the layout by name; of those in several tabs, any."""
         return {view.name: view for view in self._client.get_state().views if view.visible}
+
+    def pictures(self) -> dict[str, Picture]:
+        """Give each view of the tab in front as it is now, (row, column, 3), by name; for after `picture`."""
+        found = {}
+        for view in self._client.get_state().views:
+            try:
+                found[view.name] = _pixels(self._client.take_screenshot(view.view_id))
+            except ConnectionError as error:  # of another tab
+                if "NotFound" not in str(error):
+                    raise
+        return found
+
+    def memory(self) -> int:
+        """Bytes that the viewer's process holds."""
+        return int(psutil.Process(self._pid).memory_info().rss)
 
     def complaints(self) -> list[str]:
         """What views and viewer reported as wrong."""
@@ -108,12 +130,16 @@ class Looker:
                     raise
                 time.sleep(0.1)
                 continue
-            return np.array(Image.open(io.BytesIO(png)).convert("RGB"))
+            return _pixels(png)
+
+
+def _pixels(png: bytes) -> Picture:
+    return np.array(Image.open(io.BytesIO(png)).convert("RGB"))
 
 
 @contextmanager
-def looker(rrd: Path) -> Iterator[Looker]:
-    """Open a recording in a headless viewer on a free port and end the viewer afterwards."""
+def looker(source: Path | str | None = None, size: str = "1920x1080", memory: str = "75%") -> Iterator[Looker]:
+    """Start a headless viewer on a free port, open a recording in it if one is given, and end it afterwards."""
     from rerun.experimental import ViewerClient
 
     with tempfile.TemporaryDirectory() as runtime:
@@ -123,12 +149,19 @@ def looker(rrd: Path) -> Iterator[Looker]:
             port = free_port()
             # not ViewerClient.spawn, whose viewer listens on every interface
             viewer = subprocess.Popen(
-                [viewer_program(), "--headless", "--bind", "127.0.0.1", "--port", str(port), "--hide-welcome-screen"],
+                [
+                    *(viewer_program(), "--headless", "--bind", "127.0.0.1", "--port", str(port)),
+                    *("--hide-welcome-screen", "--window-size", size, "--memory-limit", memory),
+                ],
+                stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
             )
             try:
                 _wait_for(port, viewer)
-                yield Looker(ViewerClient(f"rerun+http://127.0.0.1:{port}/proxy"), rrd)
+                look = Looker(ViewerClient(f"rerun+http://127.0.0.1:{port}/proxy"), viewer.pid)
+                if source is not None:
+                    look.open(source)
+                yield look
             finally:
                 viewer.terminate()
                 viewer.wait()
@@ -147,21 +180,14 @@ def _wait_for(port: int, viewer: subprocess.Popen[bytes], patience_s: float = 60
     raise TimeoutError(f"the headless viewer did not start within {patience_s:g} s (exit code {viewer.poll()})")
 
 
-def free_port() -> int:
-    """Find a port on which nothing listens now."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
-
-
 def main() -> None:
     """Make a picture of the whole window."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("source", type=Path, help="a store or an .rrd file")
     parser.add_argument("out", type=Path)
     parser.add_argument("--scan", type=int, default=None, help="scan number; the newest without it")
-    parser.add_argument("--view", default=None, help="one view by name instead of the whole window")
+    parser.add_argument("--preset", default="overview", help="what is in front, of a store")
+    parser.add_argument("--size", default="1920x1080", help="of the window")
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         rrd: Path = given.source
@@ -170,15 +196,15 @@ def main() -> None:
             from storage import open_store
 
             rrd = Path(folder) / "review.rrd"
-            record_review(open_store(given.source), rrd)
-        with looker(rrd) as look:
+            record_review(open_store(given.source), rrd, preset=given.preset)
+        with looker(rrd, given.size) as look:
             if given.scan is None:
                 look.show_end()
             else:
                 look.show(scan=given.scan)
             time.sleep(_TOASTS_S)
             given.out.parent.mkdir(parents=True, exist_ok=True)
-            Image.fromarray(look.picture(given.view)).save(given.out, optimize=True)
+            Image.fromarray(look.picture()).save(given.out, optimize=True)
             for complaint in look.complaints():
                 print("viewer:", complaint)
     print(given.out)

@@ -9,6 +9,7 @@ from PIL import Image
 
 from dashboards.palette import BELOW_DETECTION, CHANGE_SCALE, NOT_MEASURED
 from dashboards.raster import Range, block_mean, change_png, height_png, round_limit, shrink_factor
+from dashboards.scales import Detail, Scales
 from dashboards.surface import surface, triangles
 from pipelines import Grid, Scan
 
@@ -67,7 +68,8 @@ def test_surface_of_a_tilted_plane_has_its_normal_everywhere_and_faces_up() -> N
     flat = np.zeros(grid.shape, dtype=np.uint8)
     scan = Scan(grid, START, height, np.where(np.isnan(height), np.nan, 0.01).astype(np.float32), flat, flat)
     for most in (10_000, 600):
-        shape = surface(scan, Range(-1, 1), most)
+        scales = Scales(grid, Range(-1, 1), 0.1, 0.01, 1.0, Detail(most, most))
+        shape = surface(scan, None, scales)
         faces = triangles(grid, most)
         assert faces.max() == len(shape.positions) - 1
         known = np.isfinite(shape.positions[:, 2])
@@ -84,7 +86,10 @@ def test_surface_of_a_tilted_plane_has_its_normal_everywhere_and_faces_up() -> N
 
 
 def test_surface_of_a_real_scan_stays_within_its_vertices(drying: DryingStore) -> None:
-    shape = surface(drying[3].scan, Range(-0.5, 0.2), 4000)
+    scales = Scales(drying[3].scan.grid, Range(-0.5, 0.2), 0.5, 0.01, 1.0, Detail(4000, 4000))
+    shape = surface(drying[3].scan, drying[3].change, scales)
     assert len(shape.positions) <= 4000
     assert np.isfinite(shape.normals).all()
-    assert tuple(shape.colours[np.isnan(shape.positions[:, 2])][0]) == NOT_MEASURED
+    holes = np.isnan(shape.positions[:, 2])
+    for colours in (shape.by_height, shape.by_change):
+        assert set(colours[holes].tolist()) == {int.from_bytes((*NOT_MEASURED, 255))}

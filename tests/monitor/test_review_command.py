@@ -110,6 +110,28 @@ def test_a_review_that_cannot_be_written_is_said_in_one_line(store: Path, run: R
         assert why in one_line(ended)
 
 
+def test_what_was_drawn_is_kept_beside_the_store(store: Path) -> None:
+    """After the web review of another test, or of this one's own."""
+    from dashboards import cache_folder
+    from storage import open_store
+
+    assert cache_folder(open_store(store)) == store.with_name("plot.review")
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (("--follow", "--save", "r.rrd"), "--follow and --save exclude each other"),
+        (("--scans", "a:b", "--save", "r.rrd"), "--scans a:b: give two numbers"),
+        (("--scans", "7:9", "--save", "r.rrd"), "has no scans 7 to 9"),
+    ],
+)
+def test_options_that_make_no_sense_are_refused(options: tuple[str, ...], says: str, store: Path, run: Run) -> None:
+    ended = run("review", store, *options)
+    assert ended.returncode == 2
+    assert says in one_line(ended)
+
+
 def test_web_and_save_exclude_each_other(store: Path, run: Run) -> None:
     ended = run("review", store, "--web", "--save", "r.rrd")
     assert ended.returncode == 2
@@ -156,14 +178,15 @@ def test_the_web_review_listens_on_this_machine_alone_and_ends_with_us(store: Pa
         try:
             line = reviewing.stdout.readline()
             assert f"http://127.0.0.1:{port}/" in line
-            (server,) = psutil.Process(reviewing.pid).children()
-            listening = {(c.laddr.ip, c.laddr.port) for c in server.net_connections() if c.status == "LISTEN"}
+            servers = psutil.Process(reviewing.pid).children()
+            sockets = [one for server in servers for one in server.net_connections() if one.status == "LISTEN"]
+            listening = {(one.laddr.ip, one.laddr.port) for one in sockets}
             assert listening == {("127.0.0.1", port), ("127.0.0.1", port + 1)}
             with urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=20) as page:
                 assert b"<html" in page.read().lower()
             reviewing.send_signal(signal.SIGTERM)
             assert reviewing.wait(timeout=20) == 0
-            assert not server.is_running()
+            assert not any(server.is_running() for server in servers)
         finally:
             if reviewing.poll() is None:
                 reviewing.kill()

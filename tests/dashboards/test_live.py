@@ -1,0 +1,119 @@
+"""Live: what is handed over arrives, the last hour first, and who hands it over never waits."""
+
+from __future__ import annotations
+
+import signal
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dashboards import LiveReview
+from dashboards.live import WAITING
+from dashboards.viewer import LOCAL, end, free_port, start, viewer_program, wait_until_listening
+from monitor.following import ticks_since
+from pipelines import Event, Measurement, Tick
+
+from .drying import UNITS, DryingStore, drying_store
+
+
+@contextmanager
+def receiver(file: Path) -> Iterator[str]:
+    """A program of Rerun's that writes to a file what is sent to it."""
+    port = free_port()
+    program = start([str(viewer_program()), "--save", str(file), "--bind", LOCAL, "--port", str(port)])
+    try:
+        wait_until_listening(program, port)
+        yield f"rerun+http://{LOCAL}:{port}/proxy"
+    finally:
+        program.send_signal(signal.SIGINT)
+        try:
+            program.wait(10)
+        finally:
+            end(program)
+
+
+def logged(file: Path) -> dict[str, list[int]]:
+    """Scan numbers by entity."""
+    from rerun.chunk import RrdReader
+
+    found: dict[str, list[int]] = {}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # that a file which was written as it came has no table of contents
+        chunks = list(RrdReader(file).stream())
+    for chunk in chunks:
+        found.setdefault(str(chunk.entity_path), []).extend(chunk.to_record_batch().to_pydict().get("scan", []))
+    return found
+
+
+def ticks(store: DryingStore) -> list[tuple[Tick, int]]:
+    """The visits of a store as they were handed over."""
+    return list(ticks_since(store, 0, len(store.events)))
+
+
+def test_a_late_review_begins_with_what_is_there_and_goes_on(tmp_path: Path) -> None:
+    whole = drying_store(6, 40)
+    with receiver(tmp_path / "live.rrd") as address:
+        live = LiveReview(address, whole.about, interval_s=6 * 3600)
+        early = DryingStore(whole.about, whole.scans[:4], whole.events[:2], whole.table.iloc[:4])
+        assert live.attach(early) == 4
+        for tick, number in ticks(whole)[4:]:
+            live.show(tick, number)
+        live.show(Tick(whole.scans[-1].planned + np.timedelta64(1, "h"), events=(_lost(whole),)), 5)
+        live.close()
+        assert (live.left_out, live.trouble) == (0, "")
+    seen = logged(tmp_path / "live.rrd")
+    # of the first four only the last lies in the last hour; all are in the trends
+    assert sorted(seen["/surface/mesh"]) == [3, 4, 5]
+    assert sorted(set(seen["/trends/net_volume"])) == [0, 1, 2, 3, 4, 5]
+    assert seen["/baseline/mesh"] == [0]
+    assert sorted(set(seen["/cracks/1"])) == [3, 4, 5]
+    assert sorted(seen["/visits"])[-1] == 5
+
+
+def test_a_video_is_shown_from_its_first_scan_without_cracks(tmp_path: Path) -> None:
+    whole = drying_store(3, 40)
+    with receiver(tmp_path / "live.rrd") as address:
+        live = LiveReview(address, whole.about, preset="video", interval_s=1.0)
+        for tick, number in ticks(whole):
+            live.show(tick, number)
+            live.wait_until_shown()
+        live.close()
+    seen = logged(tmp_path / "live.rrd")
+    assert seen["/surface/mesh"] == [0, 1, 2]
+    assert seen["/maps/change"][-2:] == [1, 2]
+    assert "/cracks/1" not in seen
+
+
+def test_who_hands_over_never_waits_and_what_was_left_out_is_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import threading
+
+    gate = threading.Event()
+    monkeypatch.setattr(LiveReview, "_send", lambda self, tick, number: gate.wait(10))
+    whole = drying_store(1, 20)
+    with receiver(tmp_path / "live.rrd") as address:
+        live = LiveReview(address, whole.about)
+        for number in range(WAITING + 4):
+            live.show(Tick(whole.scans[0].planned), number)
+        assert live.left_out in (3, 4)  # one is being drawn or still waits
+        gate.set()
+        live.close()
+
+
+def test_visits_since_are_told_with_their_events_and_measurements() -> None:
+    whole = drying_store(6, 20)
+    found = list(ticks_since(whole, 4, 2))
+    assert [number for _, number in found] == [4, 5]
+    tick = found[-1][0]
+    assert isinstance(tick.metrics["crack_opening"], Measurement)
+    assert set(tick.metrics) == set(UNITS)
+    assert [event.kind for each, _ in found for event in each.events] == [event.kind for event in whole.events[2:]]
+
+
+def _lost(store: DryingStore) -> Event:
+    return Event(store.scans[-1].planned + np.timedelta64(1, "h"), "failed", "no light")
