@@ -19,7 +19,7 @@ MODULES = ("virtio_pci", "9pnet_virtio", "9p", "vivid")
 VIVID = "n_devs=1 node_types=0x1"
 
 INIT = """#!/bin/busybox sh
-/bin/busybox mkdir -p /proc /root
+/bin/busybox mkdir -p /proc /host
 /bin/busybox mount -t proc none /proc
 cd /modules
 for module in {order}; do
@@ -28,12 +28,12 @@ for module in {order}; do
     *) /bin/busybox insmod $module ;;
   esac || echo "cannot load $module"
 done
-/bin/busybox mount -t 9p -o trans=virtio,version=9p2000.L,ro,msize=262144 host /root || echo "no root"
-/bin/busybox mount -t devtmpfs none /root/dev
-/bin/busybox mount -t proc none /root/proc
-/bin/busybox mount -t sysfs none /root/sys
-/bin/busybox mount -t tmpfs none /root/tmp
-/bin/busybox chroot /root /bin/sh -c '{command}' 2>&1
+/bin/busybox mount -t 9p -o trans=virtio,version=9p2000.L,ro,msize=262144,cache=loose host /host || echo "no root"
+/bin/busybox mount -t devtmpfs none /host/dev
+/bin/busybox mount -t proc none /host/proc
+/bin/busybox mount -t sysfs none /host/sys
+/bin/busybox mount -t tmpfs none /host/tmp
+/bin/busybox chroot /host /bin/sh -c '{command}' 2>&1
 echo "guest ended with $?"
 /bin/busybox poweroff -f
 """
