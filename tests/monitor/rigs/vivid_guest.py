@@ -7,7 +7,6 @@ outside a folder. It runs without hardware acceleration (TCG): what a machine sa
 
 from __future__ import annotations
 
-import os
 import shutil
 import subprocess
 from collections.abc import Iterator
@@ -39,7 +38,7 @@ echo "guest ended with $?"
 """
 
 
-def run_with_vivid(command: str, folder: Path, timeout_s: float = 1800.0) -> str:
+def run_with_vivid(command: str, folder: Path, timeout_s: float = 900.0) -> str:
     """Run a shell command in the guest; give all that it said. Skips where there is no qemu, or no package."""
     qemu = shutil.which("qemu-system-x86_64")
     if qemu is None:
@@ -116,8 +115,3 @@ def _cpio(files: dict[str, bytes]) -> bytes:
         head = b"070701" + "".join(f"{field:08x}" for field in fields).encode() + name.encode() + b"\0"
         archive += head + b"\0" * (-len(head) % 4) + data + b"\0" * (-len(data) % 4)
     return archive
-
-
-def in_guest() -> bool:
-    """Whether this process runs there."""
-    return os.environ.get("MICRORELIEF_VIVID") == "1"
