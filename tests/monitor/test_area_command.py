@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import re
-import shutil
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -23,14 +22,16 @@ NOW = parse_instant("2026-11-22T21:00:00Z")
 SETTINGS = """
 site: {name: crust}
 store: {path: crust.icechunk}
-rig: {name: simulated, options: {camera: [240, 180], scene_options: {side_mm: 40}}}
+rig: {name: simulated, options: {camera: [240, 180], scene_options: {side_mm: 40}, faults: {1: unplugged}}}
 schedule: {every: 1 h}
+patterns: {kind: gray, size: [608, 684], bits: [8, 8]}
 calibration: {simulated: true}
 area:
   stage: {kind: simulated, error_mm: 0.02}
   x_mm: [0, 5]
   y_mm: [0, 0]
   settle_s: 0.0
+  tries: 1
 """
 
 
@@ -139,19 +140,19 @@ def test_the_simulated_rig_scans_an_area_that_mosaic_puts_together(
     assert run_tokens(["area", "soil.yaml", "--out", "crust", "--dry-run"]) == 0
     assert "2 tiles" in capsys.readouterr().out
     assert not Path("crust").exists()
-    assert run_tokens(["area", "soil.yaml", "--out", "crust", "--pitch-mm", "0.1"]) == 0
-    said = capsys.readouterr().out
-    assert "tile_01_02: taken" in said
-    assert "2 of 2 tiles are in crust" in said
-    shutil.rmtree("crust/tile_01_02")
+    assert run_tokens(["area", "soil.yaml", "--out", "crust"]) == 75  # unplugged at the second tile, and one try only
+    said = capsys.readouterr()
+    assert "tile_01_01: taken" in said.out
+    assert "the camera does not answer; is it plugged in?" in said.err
     assert run_tokens(["area", "soil.yaml", "--out", "crust", "--pitch-mm", "0.1", "--height-map", "all.tif"]) == 0
-    said = capsys.readouterr().out
-    assert "tile_01_01: taken" not in said  # it was there
+    said_again = capsys.readouterr().out
+    assert "tile_01_01: taken" not in said_again  # it was there
+    assert "2 of 2 tiles are in crust" in said_again
     stage = SimulatedStage(error_mm=0.02)
     stage.open()
     stage.move_to(5.0, 0.0)
     real = stage.sample_mm
-    line = re.search(r"tile_01_02 +(-?[\d.]+) +(-?[\d.]+) ", said)
+    line = re.search(r"tile_01_02 +(-?[\d.]+) +(-?[\d.]+) ", said_again)
     assert line is not None
     # the stage's axes lie turned against the image's: lengths are the same in both; the sample itself lies 4 um beside
     assert np.hypot(float(line[1]), float(line[2])) == pytest.approx(np.hypot(*real), abs=0.015)
@@ -170,10 +171,10 @@ def test_without_an_area_it_says_what_to_write(tmp_path: Path, capsys: pytest.Ca
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ("x_mm: [9, 0]", r"soil\.yaml:9:9: area\.x_mm: must go from the lesser to the greater"),
+        ("x_mm: [9, 0]", r"soil\.yaml:10:9: area\.x_mm: must go from the lesser to the greater"),
         ("x_mm: [0, 0]", r"area\.x_mm: the stage goes nowhere"),
         ("axes: [x, -x]", r"area\.axes: must be one along x and one along y"),
-        ("stage: {kind: gcoad}", r"soil\.yaml:8:\d+: area\.stage: .*did you mean 'gcode'"),
+        ("stage: {kind: gcoad}", r"soil\.yaml:9:\d+: area\.stage: .*did you mean 'gcode'"),
     ],
 )
 def test_a_wrong_area_is_told_at_its_place(
@@ -181,7 +182,7 @@ def test_a_wrong_area_is_told_at_its_place(
 ) -> None:
     key = wrong.partition(":")[0]
     lines = [line for line in SETTINGS.splitlines() if not line.strip().startswith(f"{key}:")]
-    place = 8 if key != "stage" else 7
+    place = 9 if key != "stage" else 8
     lines.insert(place, f"  {wrong}")
     file = tmp_path / "soil.yaml"
     file.write_text("\n".join(lines))

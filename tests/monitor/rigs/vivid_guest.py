@@ -7,7 +7,6 @@ outside a folder. It runs without hardware acceleration (TCG): what a machine sa
 
 from __future__ import annotations
 
-import os
 import shutil
 import subprocess
 from collections.abc import Iterator
@@ -19,7 +18,7 @@ MODULES = ("virtio_pci", "9pnet_virtio", "9p", "vivid")
 VIVID = "n_devs=1 node_types=0x1"
 
 INIT = """#!/bin/busybox sh
-/bin/busybox mkdir -p /proc /root
+/bin/busybox mkdir -p /proc /host
 /bin/busybox mount -t proc none /proc
 cd /modules
 for module in {order}; do
@@ -28,18 +27,18 @@ for module in {order}; do
     *) /bin/busybox insmod $module ;;
   esac || echo "cannot load $module"
 done
-/bin/busybox mount -t 9p -o trans=virtio,version=9p2000.L,ro,msize=262144 host /root || echo "no root"
-/bin/busybox mount -t devtmpfs none /root/dev
-/bin/busybox mount -t proc none /root/proc
-/bin/busybox mount -t sysfs none /root/sys
-/bin/busybox mount -t tmpfs none /root/tmp
-/bin/busybox chroot /root /bin/sh -c '{command}' 2>&1
+/bin/busybox mount -t 9p -o trans=virtio,version=9p2000.L,ro,msize=262144,cache=loose host /host || echo "no root"
+/bin/busybox mount -t devtmpfs none /host/dev
+/bin/busybox mount -t proc none /host/proc
+/bin/busybox mount -t sysfs none /host/sys
+/bin/busybox mount -t tmpfs none /host/tmp
+/bin/busybox chroot /host /bin/sh -c '{command}' 2>&1
 echo "guest ended with $?"
 /bin/busybox poweroff -f
 """
 
 
-def run_with_vivid(command: str, folder: Path, timeout_s: float = 1800.0) -> str:
+def run_with_vivid(command: str, folder: Path, timeout_s: float = 900.0) -> str:
     """Run a shell command in the guest; give all that it said. Skips where there is no qemu, or no package."""
     qemu = shutil.which("qemu-system-x86_64")
     if qemu is None:
@@ -116,8 +115,3 @@ def _cpio(files: dict[str, bytes]) -> bytes:
         head = b"070701" + "".join(f"{field:08x}" for field in fields).encode() + name.encode() + b"\0"
         archive += head + b"\0" * (-len(head) % 4) + data + b"\0" * (-len(data) % 4)
     return archive
-
-
-def in_guest() -> bool:
-    """Whether this process runs there."""
-    return os.environ.get("MICRORELIEF_VIVID") == "1"
