@@ -185,7 +185,7 @@ class Loop:
         if len(self.store):
             newest = self.store[-1]
             self._epoch = Epoch(self.store[newest.baseline].scan)
-        self._watches = self._stored_watches = resumed(self.recipe.alarms, self.store)
+        self._watches = self._stored_watches = resumed(self.recipe.alarms, self.store, self.recipe.environment)
         self._commits = Committer(self.store, self.clock, self.commit_every_s)
         self._started = self._busy_until = self.clock.now()
         self._note(f"{BEGAN}: microrelief {__version__}" + (f", {self.told}" if self.told else ""))
@@ -340,7 +340,8 @@ class Loop:
         except Exception as error:  # noqa: BLE001 - a driver's bug must not end a campaign of years
             return self._surprise(planned, began, error)
         try:
-            epoch = Epoch(self._epoch.baseline, self._watches) if self._epoch is not None else None
+            air = self.reading.at(frames.time) if self.reading is not None else {}
+            epoch = Epoch(self._epoch.baseline, self._watches, air) if self._epoch is not None else None
             result = self.work(frames, self.recipe, epoch, planned)
         except ValueError as error:  # CaptureError is one
             return failed_tick(planned, began, "rejected", str(error)), "rejected", str(error)

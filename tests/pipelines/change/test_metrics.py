@@ -60,13 +60,17 @@ def test_a_scan_against_itself() -> None:
     assert found["crack_opening"].value == pytest.approx(0.2, abs=0.02)
 
 
-def test_no_crack_is_an_area_of_nothing_and_an_opening_of_nan() -> None:
+def test_no_crack_seen_is_nothing_and_not_unmeasured() -> None:
     flat = noisy(sampled(bumps(3), *SHAPE), 0, 0)
     found = measure(compare(flat, flat), METRICS)
     assert found["crack_area"].value == 0
     assert found["crack_length"].value == 0
-    assert np.isnan(found["crack_opening"].value)
+    for name in ("crack_opening", "crack_depth", "crack_volume"):
+        assert found[name].value == 0, name
+        assert 0 < found[name].sigma <= PITCH, name
     assert np.isnan(found["edge_lift"].value)
+    hidden = scan_of(np.where(np.arange(SHAPE[1]) < 160, np.nan, flat.height), PITCH, hour=1)
+    assert np.isnan(measure(compare(hidden, flat), ["crack_opening"])["crack_opening"].value)
 
 
 def test_nothing_measured_is_nan_everywhere_but_in_the_shares() -> None:
