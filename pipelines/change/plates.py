@@ -103,7 +103,7 @@ def find_plates(
     """
     region, grid = comparison.region, comparison.scan.grid
     now, then = crack & region, baseline_crack & region
-    labels, count = ndimage.label(region & ~now & ~then)
+    labels, count = ndimage.label(region & ~now & ~then & ~_outside(comparison.change.dz))
     sizes = np.bincount(labels.ravel(), minlength=count + 1)
     sizes[0] = 0
     order = np.argsort(-sizes, kind="stable")[: int((sizes * grid.cell_mm2 >= LEAST_PLATE_MM2).sum())]
@@ -119,6 +119,14 @@ def find_plates(
         if plate is not None:
             found.append(plate)
     return labels, tuple(found)
+
+
+def _outside(dz: npt.NDArray[np.float32]) -> Mask:
+    """Cells not measured that reach the map's border: no crack is seen there, and nothing that joins two plates."""
+    unseen, _ = ndimage.label(~np.isfinite(dz))
+    rim = np.concatenate([unseen[0], unseen[-1], unseen[:, 0], unseen[:, -1]])
+    outside: Mask = np.isin(unseen, rim[rim > 0])
+    return outside
 
 
 def rim_slope(height: npt.NDArray[np.floating], distance: npt.NDArray[np.floating]) -> float:
