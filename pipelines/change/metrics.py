@@ -17,6 +17,7 @@ from .crack_widths import CrackOpenings, crack_openings, opening_sigma
 from .cracks import crack_mask
 from .curl import edge_lift
 from .plates import Plate, find_plates
+from .roughness_metrics import ROUGHNESS_METRICS, forget_roughness
 from .values import Comparison, Measurement, Metric
 from .volume import Volumes, volumes
 
@@ -309,6 +310,14 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 OF_PLATE,
             ),
             Metric(
+                "curl_angle_p95",
+                "degree",
+                "Curl angle that 95 % of plates stay below",
+                "Curl angle that plates of 95 % of the plates' area do not exceed.",
+                _largest_of_plates("angle", 0.95),
+                OF_PLATE,
+            ),
+            Metric(
                 "curl_curvature",
                 "mm-1",
                 "Curl curvature",
@@ -316,6 +325,7 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 _mean_of_plates("curvature"),
                 OF_PLATES,
             ),
+            *ROUGHNESS_METRICS,
             Metric(
                 "covered",
                 "1",
@@ -376,3 +386,4 @@ def measure(comparison: Comparison, names: Iterable[str]) -> dict[str, Measureme
     finally:
         for cached in (_volumes, _crack, _openings, _depths, _plates):
             cached.cache_clear()
+        forget_roughness()
