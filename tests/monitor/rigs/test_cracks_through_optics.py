@@ -44,11 +44,12 @@ def scans(seed: int) -> tuple[Scan, ...]:
 def nearest(found: tuple[CrackSighting, ...], number: int) -> CrackSighting:
     """The longest of those whose widest place lies on a known crack."""
     crack = CRACKS[number]
-    near = [
-        one
-        for one in found
-        if float(crack.away(*(np.array(place) for place in one.size.widest_mm), HOURS)) < crack.width
-    ]
+
+    def on_it(one: CrackSighting) -> bool:
+        x, y = one.size.widest_mm
+        return float(crack.away(np.array(x), np.array(y), HOURS)) < crack.width
+
+    near = [one for one in found if on_it(one)]
     return max(near, key=lambda one: one.size.length.value)
 
 
