@@ -6,9 +6,9 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from configs import Alarm
+from configs import Alarm, Environment
 from pipelines import AlarmChange, AlarmState, Event, Instant, Measurement, standing_alarms, unit_text, with_uncertainty
-from pipelines.trends import AlarmRule, Limits, Watch, remembered, silent, watched
+from pipelines.trends import AlarmRule, Limits, Watch, aired, remembered, silent, watched
 from storage import ScanTable, Store, scan_table
 
 __all__ = [
@@ -34,7 +34,10 @@ NEW_BASELINE = "a new baseline: what follows is measured against it"
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """What alarms see of one scan; `verdict` is that of its registration, empty for a baseline."""
+    """What alarms see of one scan: its metrics, with what the environment was beside them.
+
+    `verdict` is that of its registration, empty for a baseline.
+    """
 
     time: Instant
     verdict: str
@@ -42,8 +45,8 @@ class Seen:
     reason: str = ""
 
 
-def rule_of(alarm: Alarm) -> AlarmRule:
-    """Give an alarm's rule. Raises ValueError where its limits leave no value that is ok."""
+def rule_of(alarm: Alarm, air: Environment | None = None) -> AlarmRule:
+    """Give an alarm's rule in an environment. Raises ValueError where its limits leave no value that is ok."""
     from pipelines.change import METRICS
 
     metric = METRICS.get(alarm.metric)
@@ -62,6 +65,8 @@ def rule_of(alarm: Alarm) -> AlarmRule:
         chart=alarm.chart,
         model=alarm.chart_model or "level",
         false_alarm_every=alarm.false_alarm_every_scans or 400.0,
+        drivers=tuple(air.fields) if air is not None and alarm.chart is not None else (),
+        max_lag_hours=air.max_lag_hours if air is not None else 0.0,
         confirm=alarm.confirm,
         clear_by=alarm.clear_by,
         no_data_after=alarm.no_data_after_slots,
@@ -69,7 +74,7 @@ def rule_of(alarm: Alarm) -> AlarmRule:
     )
 
 
-def explained(alarm: Alarm) -> str:
+def explained(alarm: Alarm, air: Environment | None = None) -> str:
     """Say an alarm in one line, as `run --dry-run` and `doctor` do."""
     from dashboards import rule_words
     from pipelines.change import METRICS
@@ -84,7 +89,8 @@ def explained(alarm: Alarm) -> str:
     ):
         if value is not None:
             limits.append(f"{name} {value:g} {unit}".rstrip())
-    return f"{alarm.name} ({alarm.metric}): {'; '.join((*limits, *rule_words(alarm.model_dump())))}"
+    taken_out = [f"{' and '.join(air.fields)} taken out"] if air is not None and alarm.chart is not None else []
+    return f"{alarm.name} ({alarm.metric}): {'; '.join((*limits, *rule_words(alarm.model_dump()), *taken_out))}"
 
 
 def states_of(alarms: Sequence[Alarm], watches: Watches) -> dict[str, AlarmState]:
@@ -92,15 +98,19 @@ def states_of(alarms: Sequence[Alarm], watches: Watches) -> dict[str, AlarmState
     return {alarm.name: watches[alarm.name].state if alarm.name in watches else "ok" for alarm in alarms}
 
 
-def after_scan(alarms: Sequence[Alarm], before: Watches, scan: Seen) -> dict[str, Watch]:
+def after_scan(
+    alarms: Sequence[Alarm], before: Watches, scan: Seen, air: Environment | None = None
+) -> dict[str, Watch]:
     """Judge the alarms by a scan.
 
     A baseline begins anew. A scan whose registration is doubtful or failed raises and clears nothing: it is a slot
     without a value, of which enough in a row are "no data".
     """
     after = {}
+    quantities = {name: measurement.value for name, measurement in scan.metrics.items()}
     for alarm in alarms:
-        rule, watch = rule_of(alarm), before.get(alarm.name, Watch())
+        rule = rule_of(alarm, air)
+        watch = aired(rule, before.get(alarm.name, Watch()), scan.time, quantities)
         if not scan.verdict:
             after[alarm.name] = Watch()
         elif scan.verdict != "good":
@@ -142,7 +152,7 @@ def _with_unit(metric: str, measurement: Measurement) -> str:
     return with_uncertainty(measurement, METRICS[metric].unit)
 
 
-def resumed(alarms: Sequence[Alarm], store: Store) -> dict[str, Watch]:
+def resumed(alarms: Sequence[Alarm], store: Store, air: Environment | None = None) -> dict[str, Watch]:
     """What each alarm remembers after all that a store holds: as if it had been watched from its baseline on.
 
     Past values are taken in, not judged: where an alarm stands is what the store says of it.
@@ -154,18 +164,23 @@ def resumed(alarms: Sequence[Alarm], store: Store) -> dict[str, Watch]:
     newest: dict[str, AlarmState] = store[-1].alarms if len(table) else {}
     standing = standing_alarms(newest, table.times[-1] if len(table) else None, store.events)
     first = len(table) - int((table.epochs == table.epochs[-1]).sum()) if len(table) else 0
-    watches = {alarm.name: _remembered(alarm, table, gaps, first, len(table)) for alarm in alarms}
+    watches = {
+        alarm.name: _remembered(rule_of(alarm, air), alarm.metric, table, gaps, first, len(table)) for alarm in alarms
+    }
     for name, watch in watches.items():
         if name in standing:
             watches[name] = replace(watch, state=standing[name].state, why=standing[name].why)
     return watches
 
 
-def _remembered(alarm: Alarm, table: ScanTable, gaps: Sequence[int], first: int, stop: int) -> Watch:
+def _remembered(rule: AlarmRule, metric: str, table: ScanTable, gaps: Sequence[int], first: int, stop: int) -> Watch:
     """Take in the values of the scans of one epoch, from its baseline to before `stop`, and the gaps after each."""
-    rule, watch = rule_of(alarm), Watch()
-    values, sigmas = table.metrics.get(alarm.metric, (None, None))
+    watch = Watch()
+    values, sigmas = table.metrics.get(metric, (None, None))
     for number in range(first, stop):
+        if table.verdicts[number]:
+            air = {name: float(table.metrics[name][0][number]) for name in rule.drivers if name in table.metrics}
+            watch = aired(rule, watch, table.times[number], air)
         if table.verdicts[number] == "good" and values is not None and sigmas is not None:
             value, sigma = float(values[number]), float(sigmas[number])
             watch = remembered(rule, watch, table.times[number], value, sigma)
@@ -177,7 +192,12 @@ def _remembered(alarm: Alarm, table: ScanTable, gaps: Sequence[int], first: int,
 
 
 def remembered_at(
-    alarms: Sequence[Alarm], table: ScanTable, gaps: Sequence[int], number: int, states: Mapping[str, AlarmState]
+    alarms: Sequence[Alarm],
+    table: ScanTable,
+    gaps: Sequence[int],
+    number: int,
+    states: Mapping[str, AlarmState],
+    air: Environment | None = None,
 ) -> dict[str, Watch]:
     """What each alarm remembers before scan `number`, where the scan before left them in `states`."""
     if not number:
@@ -186,7 +206,10 @@ def remembered_at(
     # the gap after the last scan is let pass by whoever goes on from here
     held = [*gaps[:number], 0]
     return {
-        alarm.name: replace(_remembered(alarm, table, held, first, number), state=states.get(alarm.name, "ok"))
+        alarm.name: replace(
+            _remembered(rule_of(alarm, air), alarm.metric, table, held, first, number),
+            state=states.get(alarm.name, "ok"),
+        )
         for alarm in alarms
     }
 

@@ -70,7 +70,7 @@ def _problems(campaign: Campaign) -> Iterator[Problem]:
         if metric is not None and alarm.unit is not None and alarm.unit != metric.unit:
             yield ("alarms", index, "unit"), f"{alarm.metric} is in {metric.unit}, not {alarm.unit!r}"
         try:
-            rule_of(alarm)
+            rule_of(alarm, campaign.environment)
         except ValueError as error:
             yield ("alarms", index), str(error)
     if campaign.area is not None:

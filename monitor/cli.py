@@ -53,6 +53,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "movie": ("movie:movie", "Film the surface and its change, for a talk."),
     "track": ("track:track", "Follow what moves on a surface through a store."),
     "cracks": ("cracks:cracks", "Follow every crack by name through a store: length, width, depth, tips."),
+    "plates": ("plates:plates", "Follow every plate by name through a store: lift, angle, curvature, what breaks."),
     "resolution": ("resolution:resolution", "Measure contrast against line width, and depth of field, on a chart."),
     "optics": ("optics:optics", "Work out the geometry of a rig: angles, overlap, blur, diffraction."),
     "metrics": ("metrics:metrics", "Say what every metric is, and what its uncertainty is made of."),

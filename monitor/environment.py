@@ -20,7 +20,7 @@ from uuid import uuid4
 import numpy as np
 
 from configs import Environment
-from pipelines import ENVIRONMENT, Event, Instant, Measurement, Scan, Tick, parse_instant
+from pipelines import ENVIRONMENT, Event, Instant, Measurement, Tick, parse_instant
 
 from .extras import load_extra
 
@@ -73,27 +73,30 @@ class Reading:
 
     def __init__(self, settings: Environment, sensor: Sensor) -> None:
         self._settings, self._sensor = settings, sensor
-        self._trouble = ""
+        self._trouble = self._told = ""
+        self._read: tuple[Instant, dict[str, Measurement]] | None = None
 
-    def at(self, scan: Scan) -> tuple[dict[str, Measurement], tuple[Event, ...]]:
-        """Give the quantities of a scan, NaN where they were not to be had, and what there is to say about that."""
-        trouble = ""
-        values: dict[str, float] = {}
-        try:
-            values = self._sensor.read(scan.time)
-        except (ValueError, OSError) as error:
-            trouble = f"environment not read: {error}"
-        events: tuple[Event, ...] = ()
-        if trouble != self._trouble:
-            events = (Event(scan.time, "note", trouble or "environment is read again"),)
-        self._trouble = trouble
-        return measured(self._settings, values), events
+    def at(self, time: Instant) -> dict[str, Measurement]:
+        """Give the quantities at a scan's time, NaN where they were not to be had; read once, however often asked."""
+        if self._read is None or self._read[0] != time:
+            values: dict[str, float] = {}
+            self._trouble = ""
+            try:
+                values = self._sensor.read(time)
+            except (ValueError, OSError) as error:
+                self._trouble = f"environment not read: {error}"
+            self._read = time, measured(self._settings, values)
+        return self._read[1]
 
     def beside(self, tick: Tick) -> Tick:
-        """Give a tick with the quantities at its scan; one without a scan as it is."""
+        """Give a tick with the quantities at its scan, and what to say of them; one without a scan as it is."""
         if tick.scan is None:
             return tick
-        quantities, events = self.at(tick.scan)
+        time, quantities = tick.scan.time, self.at(tick.scan.time)
+        events: tuple[Event, ...] = ()
+        if self._trouble != self._told:
+            events = (Event(time, "note", self._trouble or "environment is read again"),)
+        self._told = self._trouble
         return replace(tick, metrics={**tick.metrics, **quantities}, events=(*tick.events, *events))
 
 

@@ -1,69 +1,83 @@
-"""Follows a store that another process writes: each new scan is read once it is committed, and shown."""
+"""A store opened to follow something through its scans: what is asked of it, and the scans one after another."""
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
-from dashboards import LiveReview, Preset
-from pipelines import Measurement, Tick
-from storage import Store, open_store, scan_table
+from configs import InputError
+from pipelines import Scan
+from pipelines.change import Comparison
+from storage import Store, open_store
 
-__all__ = ["follow_store", "ticks_since"]
+from .progress import Progress
 
-LOOK_AT_LEAST_S, LOOK_AT_MOST_S = 1.0, 30.0
+__all__ = ["compared_scans", "counted_cells", "following", "laid_scans", "scans_as_taken"]
 
 
-def follow_store(opened: Store, path: str | Path, address: str, preset: Preset, ended: threading.Event) -> None:
-    """Show what a store holds, the last hour first, then each scan as it comes, until `ended` is set.
+@contextmanager
+def following(path: Path, least: int, why: str) -> Iterator[Store]:
+    """Open a store of so many scans or more, and close it.
 
-    Parameters
-    ----------
-    opened : Store
-        As it is now.
-    path : str or Path
-        Where it is, to be opened anew.
-    address : str
-        Where a viewer listens.
-    preset : str
-    ended : Event
+    Raises
+    ------
+    InputError
+        If there is no such store, or it holds fewer; `why` says what cannot be done then.
     """
-    times = scan_table(opened).times[-20:]
-    interval_s = float(np.median(np.diff(times)) / np.timedelta64(1, "s")) if len(times) > 1 else 60.0
-    live = LiveReview(address, opened.about, preset=preset, interval_s=interval_s)
+    opened = open_store(path)
     try:
-        shown, events = live.attach(opened), len(opened.events)
-        snapshot = opened.about.snapshot
-        while not ended.wait(min(max(0.5 * interval_s, LOOK_AT_LEAST_S), LOOK_AT_MOST_S)):
-            now = open_store(path)
-            try:
-                if now.about.snapshot != snapshot:
-                    for tick, number in ticks_since(now, shown, events):
-                        live.show(tick, number)
-                        live.wait_until_shown()
-                    shown, events, snapshot = len(now), len(now.events), now.about.snapshot
-            finally:
-                now.close()
+        if len(opened) < least:
+            held = {0: "no scan yet", 1: "1 scan"}.get(len(opened), f"{len(opened)} scans")
+            raise InputError(f"{path}: holds {held}, {why}")
+        yield opened
     finally:
-        live.close()
+        opened.close()
 
 
-def ticks_since(store: Store, scans: int, events: int) -> Iterator[tuple[Tick, int]]:
-    """Give the visits that came after a store held so many scans and events, each with its scan's number."""
-    table = scan_table(store)
-    fresh = list(store.events[events:])
-    for number in range(scans, len(store)):
+def counted_cells(store: Store) -> npt.NDArray[np.bool_] | None:
+    """Cells of the campaign's region, less its stable areas: a frame's seams are no cracks; None for all."""
+    from .reprocess import campaign_of, rules_of
+
+    rules = rules_of(campaign_of(store), store)
+    if rules.stable is None:
+        return rules.region
+    return ~rules.stable if rules.region is None else rules.region & ~rules.stable
+
+
+def scans_as_taken(store: Store, step: Progress) -> Iterator[Scan]:
+    """Give the scans of a store as they were taken: what creeps over all of a surface would pull its motion along."""
+    for number in range(len(store)):
+        yield store[number].scan
+        step(number + 1, len(store))
+
+
+def laid_scans(store: Store, step: Progress) -> Iterator[Scan]:
+    """Give the scans of a store, each moved onto its baseline."""
+    from pipelines.change import apply_motion
+
+    for number in range(len(store)):
         stored = store[number]
-        measured = {
-            name: Measurement(float(values[number]), float(sigmas[number]))
-            for name, (values, sigmas) in table.metrics.items()
-            if np.isfinite(values[number])
-        }
-        told = tuple(event for event in fresh if event.time <= stored.scan.time)
-        fresh = fresh[len(told) :]
-        yield Tick(stored.planned, stored.scan, stored.change, measured, stored.alarms, told), number
-    for event in fresh:
-        yield Tick(event.time, events=(event,)), max(len(store) - 1, 0)
+        yield stored.scan if stored.change is None else apply_motion(stored.scan, stored.change.motion)
+        step(number + 1, len(store))
+
+
+def compared_scans(store: Store, step: Progress) -> Iterator[Comparison]:
+    """Give each scan beside its baseline, as the store's motion lays it; not baselines, nor failed registrations."""
+    from pipelines.change import apply_motion, difference
+
+    region = counted_cells(store)
+    at, baseline = -1, None
+    for number in range(len(store)):
+        stored = store[number]
+        if stored.change is not None and stored.change.motion.verdict != "failed":
+            if baseline is None or stored.baseline != at:
+                at, baseline = stored.baseline, store[stored.baseline].scan
+            counts = np.ones(baseline.grid.shape, dtype=np.bool_) if region is None else region
+            moved, motion = apply_motion(stored.scan, stored.change.motion), stored.change.motion
+            change = difference(moved, baseline, motion, store.about.noise)
+            yield Comparison(baseline, moved, change, ~counts, counts, store.about.noise)
+        step(number + 1, len(store))

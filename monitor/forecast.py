@@ -51,7 +51,7 @@ def forecast_lines(campaign: Campaign, now: Instant) -> list[str]:
     lines += _rates(campaign)
     lines += _disk(campaign, patterns, slots, now)
     lines.append(_calibration(campaign, patterns))
-    lines += [f"  alarm {explained(alarm)}" for alarm in campaign.alarms]
+    lines += [f"  alarm {explained(alarm, campaign.environment)}" for alarm in campaign.alarms]
     if campaign.environment is not None:
         lines.append(f"  environment {', '.join(campaign.environment.fields)} from {source_of(campaign.environment)}")
     return lines

@@ -81,7 +81,7 @@ def check_campaign(campaign: Campaign) -> Iterator[Finding]:
         mend = f"`microrelief calibrate POSE_DIR... --board COLUMNSxROWS --square-mm MM --out {file}`"
         yield _try("calibration", lambda: _read_calibration(file), mend)
     for alarm in campaign.alarms:
-        yield Finding("ok", "alarm", explained(alarm))
+        yield Finding("ok", "alarm", explained(alarm, campaign.environment))
     environment = campaign.environment
     if environment is not None:
         mend = "see the message; without it scans go on, and trends are not corrected"

@@ -115,6 +115,7 @@ def make_recipe(campaign: Campaign, patterns: PatternSet, calibration: Calibrati
         local_integration=campaign.reconstruct.local_integration,
         keep_frames=kept != "off",
         frames_for=np.timedelta64(kept, "ns") if isinstance(kept, timedelta) else None,
+        environment=campaign.environment,
     )
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING
 
-from configs import Alarm, Campaign, InputError, StoreError, parse_campaign
+from configs import Alarm, Campaign, Environment, InputError, StoreError, parse_campaign
 from pipelines import ENVIRONMENT, Calibration, Event, Grid, Instant, Measurement, Scan
 from storage import Rework, ScanTable, Spread, Store, open_store
 
@@ -47,6 +47,8 @@ class Rules:
     noise: NoiseModel | None = None
     """What levels of detection rest on: the newest noise model in the store."""
     local_integration: bool = False
+    environment: Environment | None = None
+    """What was read beside the scans: control charts take its effect out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,6 +139,7 @@ def rules_of(given: Campaign | None, store: Store) -> Rules:
         store.about.campaign_hash if given is None else campaign_hash(given, read_pattern_set(given)),
         store.about.noise,
         campaign.reconstruct.local_integration,
+        campaign.environment,
     )
 
 
@@ -199,7 +202,7 @@ def process(
     starts, old_events = _chosen_epochs(store), _events_by_time(store)
     table = rework.table()
     gaps = gaps_in(store.events, table)
-    watches: Watches = remembered_at(rules.alarms, table, gaps, rework.next, rework.alarms())
+    watches: Watches = remembered_at(rules.alarms, table, gaps, rework.next, rework.alarms(), rules.environment)
     if baseline:
         starts.add(first)
     again = range(first, first) if baseline else range(first, last + 1)
@@ -299,7 +302,7 @@ def _write(
     old: Mapping[int, tuple[Event, ...]],
     chosen: bool,
     watches: Watches,
-    environment: Mapping[str, Measurement],
+    air: Mapping[str, Measurement],
 ) -> Watches:
     scan, notes = remade.finding.scan, remade.notes
     before = old.get(int(scan.time.astype("int64")), ())
@@ -315,8 +318,8 @@ def _write(
         )
         notes = (*(said or (begins,)), *notes)
     finding = Finding(scan) if chosen else remade.finding
-    result = judged(finding, rules.alarms, watches, remade.planned, notes)
-    tick = replace(result.tick, calibration=remade.calibration, metrics={**result.tick.metrics, **environment})
+    result = judged(finding, rules.alarms, watches, remade.planned, notes, environment=rules.environment, air=air)
+    tick = replace(result.tick, calibration=remade.calibration, metrics={**result.tick.metrics, **air})
     outcome = (
         remade.outcome if remade_heights or not remade.outcome.startswith("frames") else "frames give no height map"
     )
@@ -328,7 +331,7 @@ def _judge_again(rework: Rework, rules: Rules, table: ScanTable, gaps: list[int]
     """Judge the alarms of the scans that stay as they are: what they look back on has changed."""
     for number, seen in enumerate(seen_in(table, rework.next) if rules.alarms else (), start=rework.next):
         before = after_gap(rules.alarms, watches, gaps[number], "no scan")
-        watches = after_scan(rules.alarms, before, seen)
+        watches = after_scan(rules.alarms, before, seen, rules.environment)
         changes = told(rules.alarms, before, watches, seen.time, seen)
         states = states_of(rules.alarms, watches)
         rework.judge(number, seen.time, states, tuple(change.event for change in changes))

@@ -78,7 +78,7 @@ class Stages:
         if len(self.store):
             newest = self.store[-1]
             self._epoch = Epoch(self.store[newest.baseline].scan)
-        self._watches = self._stored_watches = resumed(self.recipe.alarms, self.store)
+        self._watches = self._stored_watches = resumed(self.recipe.alarms, self.store, self.recipe.environment)
         self._commits = Committer(self.store, self.commit_every_s)
 
     @property
@@ -164,7 +164,9 @@ class Stages:
         self._commits.flush_before(self.slots.after(planned))
 
     def _judge(self, item: Visit) -> None:
-        epoch = Epoch(self._epoch.baseline, self._watches) if self._epoch is not None else None
+        taken = item.measured.scan.time
+        air = self.reading.at(taken) if self.reading is not None else {}
+        epoch = Epoch(self._epoch.baseline, self._watches, air) if self._epoch is not None else None
         try:
             result = self.work.compare(item.measured, self.recipe, epoch, item.planned)
         except ValueError as error:

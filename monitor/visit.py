@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Generic, Literal, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
-from configs import Alarm, CaptureError
+from configs import Alarm, CaptureError, Environment
 from pipelines import (
     Calibration,
     Change,
@@ -49,6 +50,9 @@ __all__ = [
 Mask = npt.NDArray[np.bool_] | None
 """Shape (rows, columns), or none."""
 
+NO_AIR: Mapping[str, Measurement] = MappingProxyType({})
+"""Nothing was read beside the scan."""
+
 State = Literal["taken", "missed", "rejected", "failed"]
 """How a planned slot ends."""
 
@@ -78,6 +82,8 @@ class Recipe:
         How long frames are kept; None for ever.
     noise : NoiseModel or None
         What levels of detection rest on.
+    environment : Environment or None
+        What is read beside the scans: control charts take its effect out.
     """
 
     patterns: PatternSet
@@ -92,14 +98,16 @@ class Recipe:
     keep_frames: bool = False
     frames_for: np.timedelta64 | None = None
     noise: NoiseModel | None = None
+    environment: Environment | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Epoch:
-    """What a new scan is compared with: the baseline, and what the alarms remember since."""
+    """What a new scan is judged by: the baseline, what the alarms remember since, and the environment at the scan."""
 
     baseline: Scan
     watches: Watches = field(default_factory=dict)
+    air: Mapping[str, Measurement] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -196,8 +204,8 @@ def compared(capture: Measured, recipe: Recipe, epoch: Epoch | None, planned: In
     """
     baseline = epoch.baseline if epoch is not None else None
     finding = compare_with(baseline, capture.scan, recipe.stable, recipe.region, recipe.metrics, recipe.noise)
-    before = epoch.watches if epoch is not None else {}
-    result = judged(finding, recipe.alarms, before, planned, capture.notes)
+    before, air = (epoch.watches, epoch.air) if epoch is not None else ({}, {})
+    result = judged(finding, recipe.alarms, before, planned, capture.notes, environment=recipe.environment, air=air)
     kept, since = capture.frames, None
     if kept is not None and recipe.frames_for is not None:
         since = kept.time - recipe.frames_for
@@ -236,14 +244,21 @@ def compare_with(
 
 
 def judged(
-    finding: Finding, alarms: tuple[Alarm, ...], before: Watches, planned: Instant, notes: tuple[Event, ...] = ()
+    finding: Finding,
+    alarms: tuple[Alarm, ...],
+    before: Watches,
+    planned: Instant,
+    notes: tuple[Event, ...] = (),
+    *,
+    environment: Environment | None = None,
+    air: Mapping[str, Measurement] = NO_AIR,
 ) -> Yield:
-    """Judge the alarms of a scan and say what happened; `before` is what they remember."""
+    """Judge the alarms of a scan and say what happened; `before` is what they remember, `air` what was read beside."""
     scan, change, metrics = finding.scan, finding.change, finding.metrics
     motion = change.motion if change is not None else None
     verdict, reason = (motion.verdict, motion.reason) if motion is not None else ("", "")
-    seen = Seen(scan.time, verdict, metrics, reason)
-    watches = after_scan(alarms, before, seen)
+    seen = Seen(scan.time, verdict, {**metrics, **air}, reason)
+    watches = after_scan(alarms, before, seen, environment)
     events = tuple(each.event for each in told(alarms, before, watches, scan.time, seen))
     cause = f"registration failed: {reason}" if verdict == "failed" else ""
     if cause:

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from configs import InputError
-from pipelines import Scan, format_instant
-from storage import Store, open_store, write_series
+from pipelines import format_instant
+from storage import write_series
 
-from ..progress import Progress, progress
+from ..following import counted_cells, following, laid_scans
+from ..progress import progress
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -73,20 +72,9 @@ def cracks(
     """
     from pipelines.change import follow_cracks
 
-    from ..reprocess import campaign_of, rules_of
-
-    opened = open_store(store)
-    try:
-        if not len(opened):
-            raise InputError(f"{store}: holds no scan yet, so there is no crack to follow")
-        rules = rules_of(campaign_of(opened), opened)
-        region = rules.region
-        if rules.stable is not None:  # a frame's seams are no cracks
-            region = ~rules.stable if region is None else region & ~rules.stable
-        with progress("following cracks") as step:
-            found = [_told(sightings) for sightings in follow_cracks(_scans(opened, step), region=region)]
-    finally:
-        opened.close()
+    with following(store, 1, "so there is no crack to follow") as opened, progress("following cracks") as step:
+        region = counted_cells(opened)
+        found = [_told(sightings) for sightings in follow_cracks(laid_scans(opened, step), region=region)]
     if out is not None:
         write_series(_table(found), out)
     if as_json:
@@ -96,16 +84,6 @@ def cracks(
     if out is not None:
         print(f"wrote {out}: {sum(len(scan['cracks']) for scan in found)} rows")
     return 0
-
-
-def _scans(store: Store, step: Progress) -> Iterator[Scan]:
-    """Scans of a store, each moved onto its baseline."""
-    from pipelines.change import apply_motion
-
-    for number in range(len(store)):
-        stored = store[number]
-        yield stored.scan if stored.change is None else apply_motion(stored.scan, stored.change.motion)
-        step(number + 1, len(store))
 
 
 def _told(sightings: CrackSightings) -> dict[str, Any]:

@@ -106,7 +106,7 @@ def ingest(
             _check_steps(opened, scans)
         with closing(opened):
             rules = rules_of(None, opened)
-            watches: Watches = resumed(rules.alarms, opened)
+            watches: Watches = resumed(rules.alarms, opened, rules.environment)
             reading = _reading(campaign, opened)
             for file, scan in scans:
                 told, watches = _kept(opened, file, scan, rules, watches, reading)
@@ -229,7 +229,8 @@ def _kept(
     baseline = store[last.baseline].scan if last is not None else None
     notes = (Event(scan.time, "note", f"imported from {file.name}"),)
     finding = compare_with(baseline, scan, rules.stable, rules.region, rules.metrics, rules.noise)
-    result = judged(finding, rules.alarms, watches, scan.time, notes)
+    air = reading.at(scan.time) if reading is not None else {}
+    result = judged(finding, rules.alarms, watches, scan.time, notes, environment=rules.environment, air=air)
     number = store.append(reading.beside(result.tick) if reading is not None else result.tick)
     rejected = f", not compared: {result.cause}" if result.cause else ""
     return f"committed scan {number} {format_instant(scan.time)} from {file}{rejected}", result.watches

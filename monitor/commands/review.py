@@ -28,7 +28,7 @@ from dashboards import (
 )
 from storage import Store, open_store
 
-from ..following import follow_store
+from ..live_review import follow_store
 from ..progress import progress
 from ..reviewing import crack_region, served_review
 

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from configs import InputError
-from pipelines import Scan, format_instant
-from storage import Store, open_store, write_series
+from pipelines import format_instant
+from storage import Store, write_series
 
-from ..progress import Progress, progress
+from ..following import following, scans_as_taken
+from ..progress import progress
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -70,18 +70,13 @@ def track(
         raise InputError("--least-height-mm and --least-area-mm2 must be above 0")
     if capture_seconds is not None and not capture_seconds > 0:
         raise InputError("--capture-seconds must be above 0")
-    opened = open_store(store)
-    try:
-        if len(opened) < 2:
-            raise InputError(f"{store}: holds {len(opened)} scans, and nothing is seen to move in fewer than two")
+    with following(store, 2, "and nothing is seen to move in fewer than two") as opened:
         with progress("learning the substrate") as step:
-            bare = bare_substrate(_scans(opened, step))
+            bare = bare_substrate(scans_as_taken(opened, step))
         with progress("following objects") as step:
             takes = capture_seconds if capture_seconds is not None else _capture_seconds(opened)
             rule = ObjectRule(least_height_mm, least_area_mm2)
-            found = list(follow_objects(_scans(opened, step), bare, rule, capture_s=takes))
-    finally:
-        opened.close()
+            found = list(follow_objects(scans_as_taken(opened, step), bare, rule, capture_s=takes))
     table = _table(found)
     write_series(table, out)
     names = table["identity"].nunique()
@@ -102,12 +97,6 @@ def _capture_seconds(store: Store) -> float | None:
     if frames is None or not frames.exposure_ms > 0:  # NaN where nobody told
         return None
     return len(frames.stack) * frames.exposure_ms / 1000
-
-
-def _scans(store: Store, step: Progress) -> Iterator[Scan]:
-    for number in range(len(store)):
-        yield store[number].scan
-        step(number + 1, len(store))
 
 
 def _table(found: list[Sightings]) -> pd.DataFrame:

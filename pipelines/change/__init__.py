@@ -17,7 +17,7 @@ from .motion import Motion, Verdict
 from .move import apply_motion
 from .noise_model import NoiseCell, NoiseModel
 from .objects import Expected, ObjectRule, StandingObject, find_objects
-from .plate_identity import NamedPlates, PlateMemory, name_plates
+from .plate_identity import NamedPlates, PlateMemory, PlateSightings, follow_plates, name_plates
 from .plates import Plate, find_plates, rim_slope
 from .regions import polygon_mask
 from .register import LEAST_CELLS, register
@@ -59,6 +59,7 @@ __all__ = [
     "ObjectRule",
     "Plate",
     "PlateMemory",
+    "PlateSightings",
     "Sighting",
     "Sightings",
     "StandingObject",
@@ -79,6 +80,7 @@ __all__ = [
     "find_plates",
     "follow_cracks",
     "follow_objects",
+    "follow_plates",
     "largest_consensus",
     "m3c2",
     "measure",

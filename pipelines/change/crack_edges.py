@@ -26,6 +26,13 @@ ABRUPT = 0.42, 0.56
 steeper than cells can show."""
 NARROW = 4.5
 """In half a crack of fewer cells a steep wall and a bent one look alike: the mean of both is taken."""
+SMEAR = 1 / 12 + 1 / 6
+"""Variance of where one sample's surface lies, cells squared: of a cell's mean, and of interpolation on average."""
+SMEARED_AREA = SMEAR / 2 + STEP**2 / 12
+"""By so much times the slope at the inner point is the area beyond it seen too large: what lies inside is smeared
+across it; and the sum over samples is a trapezoid's."""
+SMEARED_GAP = SMEAR + float(np.mean(np.square(np.arange(-WALL, WALL + 1) * STEP)))
+"""By so much times the wall's bend is the gap at the inner point seen too small: the mean over the samples about it."""
 LEAST_CELLS = 0.15
 """Standard uncertainty of an edge that no noise explains: how the raster lies to it, and the wall's own bend."""
 
@@ -42,7 +49,9 @@ def crack_edges(
 
         L = 2 D / (2 g / 3 + sqrt(4 g^2 / 9 - 2 s D / 3))
 
-    cells further out: exact for straight walls and for parabolic floors. A wall that falls most of the depth within
+    cells further out: exact for straight walls and for parabolic floors. Cells and samples smear what they see, by a
+    variance of 1/4 cell squared: across the inner point comes 7/48 s of area, and g is seen 3/4 c smaller where
+    the wall is bent by c = (g - s L) / L^2; both are given back. A wall that falls most of the depth within
     one cell is vertical for all that cells can tell, and then L = D / g. In between, and in cracks of a few cells
     where the two look alike, both are averaged, and their difference is part of the uncertainty.
 
@@ -70,10 +79,11 @@ def crack_edges(
     # first sample at which the ray has left the mask
     left = np.where((~inside).any(axis=1), np.argmax(~inside, axis=1), samples)
     beyond = (lead >= (left + RIM_CELLS[0] / STEP)[:, None]) & (lead <= (left + RIM_CELLS[1] / STEP)[:, None])
-    rim_cells = np.where(beyond & ~inside, z, np.nan)
-    known = np.isfinite(rim_cells).sum(axis=1) >= 3
+    on_rim = beyond & ~inside & np.isfinite(z)
+    known = on_rim.sum(axis=1) >= 3
+    middle, tilt = _lie_of(z, on_rim)
     rim = np.full(count, np.nan)
-    rim[known] = np.nanmedian(rim_cells[known], axis=1)
+    rim[known] = np.nanmedian(np.where(on_rim, z, np.nan)[known], axis=1)
     depth = np.where(np.isfinite(floor), rim - floor, 0.0)
     level = rim - np.maximum(DROP_SHARE * depth, DROP_SIGMAS * sigma_z)
     up = np.isfinite(z) & (z >= level[:, None]) & (lead >= (left - 4 / STEP)[:, None])
@@ -86,11 +96,23 @@ def crack_edges(
     edge = (before + share) * STEP
     # where measurement just begins, the edge is somewhere in a cell
     sigma = np.where(crossed, np.minimum(sigma_z / np.maximum(high - low, 1e-9) * STEP, 1.0), 1 / np.sqrt(12))
-    by_area, spread = _by_area(z, first, rim, depth, sigma_z)
+    # a plate that curls is highest at its edge, and beyond nothing is missing of it
+    sloped = tilt[:, None] * np.maximum(lead - first[:, None], 0)
+    by_area, spread = _by_area(z - sloped, first, rim + tilt * (first - middle), depth, sigma_z)
     better = crossed & np.isfinite(by_area)
     edge, sigma = np.where(better, by_area, edge), np.where(better, spread, sigma)
     edge[~found] = np.nan
     return edge, np.where(found, sigma, np.nan), crossed
+
+
+def _lie_of(z: npt.NDArray[np.float32] | Floats, on_rim: npt.NDArray[np.bool_]) -> tuple[Floats, Floats]:
+    """Middle of the rim's samples, and by how much the rim rises from one to the next (least squares)."""
+    lead = np.arange(z.shape[1])
+    count = np.maximum(on_rim.sum(axis=1), 1)
+    middle = np.where(on_rim, lead, 0).sum(axis=1) / count
+    away = np.where(on_rim, lead - middle[:, None], 0.0)
+    lever = (away**2).sum(axis=1)
+    return middle, (away * np.where(on_rim, z, 0.0)).sum(axis=1) / np.where(lever > 0, lever, 1.0)
 
 
 def _by_area(
@@ -126,7 +148,11 @@ def _by_area(
     cell = round(1 / STEP)
     drop = (missing[:, :-cell] - missing[:, cell:]).max(axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        bent = 2 * area / (2 * gap / 3 + np.sqrt(np.maximum(4 * gap**2 / 9 - 2 * slope * area / 3, 0.0)))
+        sharp = area - SMEARED_AREA * slope
+        bent = _parabola(sharp, gap, slope)
+        for _ in range(3):  # the bend that is given back bends the wall more, ever less
+            bend = np.clip((gap - slope * bent) / bent**2, 0.0, None)
+            bent = _parabola(sharp, gap + SMEARED_GAP * bend, slope)
         stepped = area / gap
         abrupt = np.clip((drop / np.maximum(depth, gap) - ABRUPT[0]) / (ABRUPT[1] - ABRUPT[0]), 0.0, 1.0)
         narrow = np.clip((NARROW - first * STEP) / 2, 0.0, 1.0)
@@ -135,3 +161,9 @@ def _by_area(
     usable &= (length > -1) & (length <= (INNER + OUTER) * STEP)
     edge = np.where(usable, start * STEP + length, np.nan)
     return edge, np.hypot(np.minimum(spread, 1.0), LEAST_CELLS)
+
+
+def _parabola(area: Floats, gap: Floats, slope: Floats) -> Floats:
+    """Where a parabola of that gap and slope at the inner point meets the rim, with that area below it."""
+    length: Floats = 2 * area / (2 * gap / 3 + np.sqrt(np.maximum(4 * gap**2 / 9 - 2 * slope * area / 3, 0.0)))
+    return length

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from ..instant import Instant
 from .crack_graph import CrackGraph
+from .pairing import paired
 from .values import Measurement
 
 __all__ = ["CrackTip", "TipMemory", "crack_tips"]
@@ -119,14 +120,11 @@ def _place(graph: CrackGraph, line: int, end: int) -> Floats:
 
 
 def _pairs(places: Floats, old: Sequence[TipMemory], farthest_mm: float) -> dict[int, int]:
-    from scipy.optimize import linear_sum_assignment
-
     if not old:
         return {}
     then = np.array([[memory.tip.x_mm, memory.tip.y_mm] for memory in old])
     away = np.hypot(*(places[:, None] - then[None]).transpose(2, 0, 1))
-    rows, columns = linear_sum_assignment(np.where(away <= farthest_mm, away, 1e6))
-    return {int(r): int(c) for r, c in zip(rows, columns, strict=True) if away[r, c] <= farthest_mm}
+    return paired(away, away <= farthest_mm, alone=1e6)
 
 
 def _advance(

@@ -17,6 +17,7 @@ from .crack_widths import CrackOpenings, crack_openings, opening_sigma
 from .cracks import crack_mask
 from .curl import edge_lift
 from .plates import Plate, find_plates
+from .roughness_metrics import ROUGHNESS_METRICS, forget_roughness
 from .values import Comparison, Measurement, Metric
 from .volume import Volumes, volumes
 
@@ -88,7 +89,19 @@ def _crack_length(comparison: Comparison) -> Measurement:
     return Measurement(length, length_sigma(length, lines.free_ends, lines.end_width * pitch, pitch))
 
 
+SEEN_SHARE = 0.5
+"""Of the region's cells: ground of which less was measured may hide a crack."""
+
+
+def _uncracked(comparison: Comparison) -> bool:
+    """Whether the region was seen and holds no crack: then there is nothing to measure, which is not unmeasured."""
+    seen = np.isfinite(comparison.scan.height[comparison.region])
+    return bool(seen.size) and float(seen.mean()) >= SEEN_SHARE and not _crack(comparison).any()
+
+
 def _crack_opening(comparison: Comparison) -> Measurement:
+    if _uncracked(comparison):
+        return Measurement(0.0, comparison.scan.grid.pitch_mm)
     openings = _openings(comparison)
     known = np.isfinite(openings.opening_mm)
     if not known.any():
@@ -98,10 +111,14 @@ def _crack_opening(comparison: Comparison) -> Measurement:
 
 
 def _crack_depth(comparison: Comparison) -> Measurement:
+    if _uncracked(comparison):
+        return Measurement(0.0, comparison.scan.grid.pitch_mm)
     return _depths(comparison).mean
 
 
 def _crack_volume(comparison: Comparison) -> Measurement:
+    if _uncracked(comparison):
+        return Measurement(0.0, comparison.scan.grid.pitch_mm**3)
     return _depths(comparison).volume
 
 
@@ -219,23 +236,28 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "crack_opening",
                 "mm",
                 "Crack opening",
-                "Mean distance between a crack's edges across its centre line, weighted by length, clear of junctions.",
+                "Mean distance between a crack's edges across its centre line, weighted by length, clear of junctions; "
+                "0 where the region was seen and has no crack.",
                 _crack_opening,
-                "Noise of the profiles; half a cell per seen edge, a cell per unseen one, which do not average out.",
+                "Noise of the profiles; half a cell per seen edge, a cell per unseen one, which do not average out; a "
+                "cell where there is no crack.",
             ),
             Metric(
                 "crack_depth",
                 "mm",
                 "Crack depth",
-                "Mean depth along the cracks' centre lines below the nearest rim, where the floor was seen; at least.",
+                "Mean depth along the cracks' centre lines below the nearest rim, where the floor was seen; at least. "
+                "0 where the region was seen and has no crack.",
                 _crack_depth,
-                "Noise of the cells, and how depth differs from cell to cell: the line may lie beside the deepest.",
+                "Noise of the cells, and how depth differs from cell to cell: the line may lie beside the deepest; a "
+                "cell where there is no crack.",
             ),
             Metric(
                 "crack_volume",
                 "mm3",
                 "Crack volume",
-                "Volume of the cracks below their rims, where the floor was seen; at least.",
+                "Volume of the cracks below their rims, where the floor was seen; at least. 0 where the region was "
+                "seen and has no crack.",
                 _crack_volume,
                 "Noise of the cells with the errors that neighbours share, and the outline, uniform within a cell.",
             ),
@@ -288,6 +310,14 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 OF_PLATE,
             ),
             Metric(
+                "curl_angle_p95",
+                "degree",
+                "Curl angle that 95 % of plates stay below",
+                "Curl angle that plates of 95 % of the plates' area do not exceed.",
+                _largest_of_plates("angle", 0.95),
+                OF_PLATE,
+            ),
+            Metric(
                 "curl_curvature",
                 "mm-1",
                 "Curl curvature",
@@ -295,6 +325,7 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 _mean_of_plates("curvature"),
                 OF_PLATES,
             ),
+            *ROUGHNESS_METRICS,
             Metric(
                 "covered",
                 "1",
@@ -355,3 +386,4 @@ def measure(comparison: Comparison, names: Iterable[str]) -> dict[str, Measureme
     finally:
         for cached in (_volumes, _crack, _openings, _depths, _plates):
             cached.cache_clear()
+        forget_roughness()

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["NamedPlates", "PlateMemory", "name_plates"]
+from ..instant import Instant
+from .cracks import crack_mask
+from .pairing import paired
+from .plates import Plate, find_plates
+from .values import Comparison
+
+__all__ = ["NamedPlates", "PlateMemory", "PlateSightings", "follow_plates", "name_plates"]
 
 Labels = npt.NDArray[np.int32]
 LEAST_SHARE = 0.2
@@ -49,9 +55,9 @@ class NamedPlates:
 def name_plates(labels: Labels, memory: PlateMemory | None = None) -> NamedPlates:
     """Name the plates of one scan by those of the scans before.
 
-    Of all pairs of a plate and one of before, the one that shares most cells is matched first, and so on. A plate
-    without a partner that shares a fifth of its area with one of before has broken off from it; a plate of before
-    without a partner that now lies in another has joined it, and takes its name again when it parts.
+    Plates are paired with those of before so that the pairs share most cells in all (`paired`). A plate without a
+    partner that shares a fifth of its area with one of before has broken off from it; a plate of before without a
+    partner that now lies in another has joined it, and takes its name again when it parts.
 
     Parameters
     ----------
@@ -78,12 +84,9 @@ def name_plates(labels: Labels, memory: PlateMemory | None = None) -> NamedPlate
     )
     sizes, then = shared.sum(axis=1), shared.sum(axis=0)
     shared[0], shared[:, 0] = 0, 0
-    names, taken = {}, set()
-    pairs = np.argwhere((shared > 0) & ((shared >= LEAST_SHARE * sizes[:, None]) | (shared >= LEAST_SHARE * then)))
-    for label, one in sorted(pairs.tolist(), key=lambda pair: (-int(shared[pair[0], pair[1]]), pair)):
-        if label not in names and one not in taken:
-            names[label] = one
-            taken.add(one)
+    akin = (shared > 0) & ((shared >= LEAST_SHARE * sizes[:, None]) | (shared >= LEAST_SHARE * then))
+    names = paired(-shared.astype(np.float64), akin, alone=0.0)
+    taken = set(names.values())
     named, broke = memory.named, {}
     for label in range(1, count + 1):
         if label not in names:
@@ -106,3 +109,44 @@ def name_plates(labels: Labels, memory: PlateMemory | None = None) -> NamedPlate
         MappingProxyType(joined),
         PlateMemory(np.where(kept, before, now).astype(np.int32), named),
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlateSightings:
+    """The plates of one scan by name, and what happened to them since the scan before.
+
+    Parameters
+    ----------
+    time : Instant
+    plates : mapping of int to Plate
+        By identity.
+    broke_from, joined : mapping of int to int
+        As `NamedPlates` has them.
+    """
+
+    time: Instant
+    plates: Mapping[int, Plate]
+    broke_from: Mapping[int, int]
+    joined: Mapping[int, int]
+
+
+def follow_plates(comparisons: Iterable[Comparison]) -> Iterator[PlateSightings]:
+    """Follow plates through scans of one surface, each beside its baseline.
+
+    Parameters
+    ----------
+    comparisons : iterable of Comparison
+        In the order of time, on one grid.
+
+    Yields
+    ------
+    PlateSightings
+        One for each. A plate too small to be measured keeps its name and has no entry.
+    """
+    memory: PlateMemory | None = None
+    for each in comparisons:
+        labels, plates = find_plates(each, crack_mask(each.scan), crack_mask(each.baseline))
+        named = name_plates(labels, memory)
+        memory = named.memory
+        by_name = {named.identity[plate.label]: plate for plate in plates}
+        yield PlateSightings(each.scan.time, MappingProxyType(by_name), named.broke_from, named.joined)

@@ -11,7 +11,7 @@ from scipy import ndimage
 from .curl import EDGE_BAND_MM, INTERIOR_SHARE, LEAST_CELLS, LEAST_PLATE_MM2, SHARED_ERROR_CELLS, crack_distance
 from .plate_sums import band_sums
 from .smoothing import MAD_TO_SIGMA
-from .values import Comparison, Measurement
+from .values import Change, Comparison, Measurement
 
 __all__ = ["CURVED_MM", "Plate", "find_plates", "rim_slope"]
 
@@ -103,7 +103,7 @@ def find_plates(
     """
     region, grid = comparison.region, comparison.scan.grid
     now, then = crack & region, baseline_crack & region
-    labels, count = ndimage.label(region & ~now & ~then)
+    labels, count = _parted(region & ~now & ~then, comparison.change)
     sizes = np.bincount(labels.ravel(), minlength=count + 1)
     sizes[0] = 0
     order = np.argsort(-sizes, kind="stable")[: int((sizes * grid.cell_mm2 >= LEAST_PLATE_MM2).sum())]
@@ -119,6 +119,20 @@ def find_plates(
         if plate is not None:
             found.append(plate)
     return labels, tuple(found)
+
+
+def _parted(ground: Mask, change: Change) -> tuple[npt.NDArray[np.int32], int]:
+    """Number the parts of the ground, four-connected.
+
+    At the map's border a scan that was moved has cells that it does not reach, and no crack is seen there: they part
+    nothing and join nothing, and belong to what lies beside them further in.
+    """
+    margin = 1 + int(np.ceil(np.abs(change.motion.shift_mm[:2]).max() / change.grid.pitch_mm))
+    beyond = ~np.isfinite(change.dz)
+    beyond[margin:-margin, margin:-margin] = False
+    labels, count = ndimage.label(ground & ~beyond)
+    inward = np.ix_(*(np.clip(np.arange(n), margin, n - 1 - margin) for n in labels.shape))
+    return np.where(ground & beyond, labels[inward], labels), count
 
 
 def rim_slope(height: npt.NDArray[np.floating], distance: npt.NDArray[np.floating]) -> float:

@@ -11,7 +11,7 @@ from scipy import ndimage
 
 from .values import Measurement
 
-__all__ = ["ROUGHNESS", "Filters", "filtered", "roughness"]
+__all__ = ["ROUGHNESS", "Filters", "filtered", "height_parameters", "roughness"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -24,6 +24,8 @@ DECAY = 0.2
 CORE = 0.4
 """Share of the material that the secant of the core spans (ISO 25178-2, 13565-2)."""
 LEAST_CELLS = 100
+DRAWN_CELLS = 256
+"""Side of the part of a map on which noise is drawn for its height parameters: what it does to a mean is told there."""
 
 ROUGHNESS: Mapping[str, tuple[str, str]] = {
     "Sa": ("mm", "arithmetical mean height"),
@@ -96,16 +98,26 @@ def filtered(height: Floats, pitch_mm: float, filters: Filters) -> Floats:
     """
     known = np.isfinite(height)
     surface = height if filters.s_mm is None else _smooth(height, known, filters.s_mm / pitch_mm)
-    y, x = np.indices(height.shape, dtype=np.float64)
-    x, y = x / max(1, height.shape[1] - 1) - 0.5, y / max(1, height.shape[0] - 1) - 0.5
-    terms = [x**i * y**j for i in range(filters.form + 1) for j in range(filters.form + 1 - i)]
-    design = np.stack([term[known] for term in terms], axis=1)
-    solved = np.linalg.lstsq(design.T @ design, design.T @ surface[known], rcond=None)[0]
-    surface = surface - sum(float(factor) * term for factor, term in zip(solved, terms, strict=True))
+    surface = surface - _form(surface, known, filters.form)
     if filters.l_mm is not None:
         surface = surface - _smooth(surface, known, filters.l_mm / pitch_mm)
     limited: Floats = surface - surface[known].mean()
     return limited
+
+
+def _form(surface: Floats, known: npt.NDArray[np.bool_], order: int) -> Floats:
+    """Polynomial of least squares through the known cells: its normal equations are products with powers of x and y."""
+    x, y = (np.linspace(-0.5, 0.5, n)[:, None] ** np.arange(2 * order + 1) for n in surface.shape[::-1])
+    moments = y.T @ known.astype(np.float64) @ x
+    heights = y.T @ np.where(known, surface, 0.0) @ x
+    terms = [(j, i) for i in range(order + 1) for j in range(order + 1 - i)]
+    normal = np.array([[moments[j + b, i + a] for b, a in terms] for j, i in terms])
+    solved = np.linalg.lstsq(normal, np.array([heights[term] for term in terms]), rcond=None)[0]
+    factors = np.zeros((order + 1, order + 1))
+    for term, factor in zip(terms, solved.tolist(), strict=True):
+        factors[term] = factor
+    form: Floats = y[:, : order + 1] @ factors @ x[:, : order + 1].T
+    return form
 
 
 def _smooth(values: Floats, known: npt.NDArray[np.bool_], nesting_cells: float) -> Floats:
@@ -161,21 +173,69 @@ def roughness(
     return {name: Measurement(value, float(each)) for (name, value), each in zip(found.items(), spread, strict=True)}
 
 
-def _parameters(surface: Floats, pitch_mm: float) -> dict[str, float]:
-    z = surface[np.isfinite(surface)]
-    sq = float(np.sqrt(np.mean(z**2)))
+def height_parameters(
+    height: npt.NDArray[np.floating], pitch_mm: float, filters: Filters, sigma: npt.NDArray[np.floating]
+) -> dict[str, Measurement]:
+    """Measure Sa, Sq, Ssk, Sku, Sp, Sv and Sz alone, fast enough for every scan.
+
+    Parameters
+    ----------
+    height, sigma : ndarray of float, shape (rows, columns)
+        mm, NaN where not measured.
+    pitch_mm : float
+    filters : Filters
+
+    Returns
+    -------
+    dict of str to Measurement
+        As `roughness` gives them, but that noise is drawn on the middle of the map; NaN with fewer than 100 cells.
+    """
+    z = np.asarray(height, dtype=np.float64)
+    if np.isfinite(z).sum() < LEAST_CELLS:
+        return dict.fromkeys(("Sa", "Sq", "Ssk", "Sku", "Sp", "Sv", "Sz"), Measurement(float("nan"), float("nan")))
+    found = _heights(_known(filtered(z, pitch_mm, filters)))
+    middle = tuple(slice(max(0, (n - DRAWN_CELLS) // 2), (n + DRAWN_CELLS) // 2) for n in z.shape)
+    part = z[middle] if np.isfinite(z[middle]).sum() >= LEAST_CELLS else z
+    noise = np.nan_to_num(np.asarray(sigma, dtype=np.float64)[middle] if part is not z else sigma)
+    random = np.random.default_rng(0)
+    still = _heights(_known(filtered(part, pitch_mm, filters)))
+    off = []
+    for _ in range(DRAWS):
+        drawn = _heights(_known(filtered(part + noise * random.normal(size=part.shape), pitch_mm, filters)))
+        off.append([drawn[name] - still[name] for name in still])
+    spread = np.sqrt(np.mean(np.square(off), axis=0))
+    return {name: Measurement(value, float(each)) for (name, value), each in zip(found.items(), spread, strict=True)}
+
+
+def _known(surface: Floats) -> Floats:
+    known: Floats = surface[np.isfinite(surface)]
+    return known
+
+
+def _heights(z: Floats) -> dict[str, float]:
+    square = z * z
+    sq = float(np.sqrt(square.mean()))
     flat = sq <= 1e-12
+    return {
+        "Sa": float(np.abs(z).mean()),
+        "Sq": sq,
+        "Ssk": float((square * z).mean()) / sq**3 if not flat else float("nan"),
+        "Sku": float((square * square).mean()) / sq**4 if not flat else float("nan"),
+        "Sp": float(z.max()),
+        "Sv": float(-z.min()),
+        "Sz": float(z.max() - z.min()),
+    }
+
+
+def _parameters(surface: Floats, pitch_mm: float) -> dict[str, float]:
+    z = _known(surface)
+    heights = _heights(z)
+    flat = heights["Sq"] <= 1e-12
     steep = _slope(surface, pitch_mm, 0) ** 2 + _slope(surface, pitch_mm, 1) ** 2
     steep = steep[np.isfinite(steep)]
     sal, longest = _autocorrelation(surface, pitch_mm) if not flat else (float("nan"), float("nan"))
     return {
-        "Sa": float(np.mean(np.abs(z))),
-        "Sq": sq,
-        "Ssk": float(np.mean(z**3)) / sq**3 if not flat else float("nan"),
-        "Sku": float(np.mean(z**4)) / sq**4 if not flat else float("nan"),
-        "Sp": float(z.max()),
-        "Sv": float(-z.min()),
-        "Sz": float(z.max() - z.min()),
+        **heights,
         "Sdq": float(np.sqrt(steep.mean())) if steep.size else float("nan"),
         "Sdr": float(np.sqrt(1 + steep).mean() - 1) if steep.size else float("nan"),
         "Sal": sal,

@@ -12,6 +12,7 @@ from scipy import ndimage
 from ..instant import Instant
 from ..scan import Scan
 from .objects import Expected, ObjectRule, StandingObject, find_objects
+from .pairing import paired
 from .substrate import Substrate, update_substrate
 
 __all__ = ["Sighting", "Sightings", "follow_objects"]
@@ -184,8 +185,6 @@ def _moved(speed_mm_s: float, capture_s: float | None, pitch_mm: float) -> bool 
 
 def _assign(expected: list[Expected], volumes: list[float], objects: tuple[StandingObject, ...]) -> dict[int, int]:
     """Which expected one each object is; objects and expected ones may stay without a partner."""
-    from scipy.optimize import linear_sum_assignment
-
     if not expected or not objects:
         return {}
     at = np.array([[one.x_mm, one.y_mm] for one in objects])
@@ -199,8 +198,7 @@ def _assign(expected: list[Expected], volumes: list[float], objects: tuple[Stand
         if one.expected is not None:  # it was cut out by that place
             cost[n, one.expected] = 0.0
             far[n, one.expected] = False
-    rows, columns = linear_sum_assignment(np.where(far, 1e6, cost))
-    return {int(n): int(k) for n, k in zip(rows, columns, strict=True) if not far[n, k]}
+    return paired(cost, ~far, alone=1e6)
 
 
 def _step(track: _Track, one: StandingObject, now: Instant) -> float:

@@ -4,12 +4,12 @@ from .alarm_rule import AlarmRule, Decision
 from .alarm_state import ALARM_STATES, AlarmState
 from .change_points import ChangePoint, change_points
 from .control import Chart, Charted, ControlChart, Model, charted, control_chart, run_length, threshold
-from .environment import ENVIRONMENT, Corrected, Effect, correct_for
+from .environment import ENVIRONMENT, Corrected, Effect, correct_for, followed
 from .forecast import TimeToLimit, time_to_limit
 from .limits import Limits, judge, worst_state
 from .rates import RateMoments
 from .trend import Trend, trend
-from .watch import Watch, decide, remembered, silent, watched
+from .watch import Watch, aired, decide, remembered, silent, watched
 
 __all__ = [
     "ALARM_STATES",
@@ -29,11 +29,13 @@ __all__ = [
     "TimeToLimit",
     "Trend",
     "Watch",
+    "aired",
     "change_points",
     "charted",
     "control_chart",
     "correct_for",
     "decide",
+    "followed",
     "judge",
     "remembered",
     "run_length",

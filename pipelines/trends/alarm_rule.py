@@ -33,6 +33,10 @@ class AlarmRule:
         What the chart takes for no change: a level, or a steady rate.
     false_alarm_every : float
         Of that chart: values between false alarms in the mean.
+    drivers : tuple of str
+        Environmental quantities whose effect is taken out before that chart.
+    max_lag_hours : float
+        Longest lag by which the series may follow them.
     confirm : (int, int)
         (m, n): limits of the value count once m of the newest n values are beyond them.
     clear_by : float
@@ -55,6 +59,8 @@ class AlarmRule:
     chart: Chart | None = None
     model: Model = "level"
     false_alarm_every: float = 400.0
+    drivers: tuple[str, ...] = ()
+    max_lag_hours: float = 0.0
     confirm: tuple[int, int] = (1, 1)
     clear_by: float = 0.0
     no_data_after: int = 3
@@ -83,6 +89,11 @@ class AlarmRule:
     def follows_a_trend(self) -> bool:
         """Whether it looks at a rate, and so back over `window_days`."""
         return self.rate is not None or self.within_days is not None
+
+    @property
+    def judges_by_chart_alone(self) -> bool:
+        """Whether nothing but the control chart can raise it."""
+        return self.limits is None and self.rate is None
 
 
 @dataclass(frozen=True, slots=True)

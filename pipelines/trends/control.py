@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+
+from .recursive import Fit, fitted, score
 
 __all__ = [
     "Chart",
@@ -32,8 +35,6 @@ WEIGHT = 0.2
 MOST_APART = 100_000
 STATES = 401
 """States of the Markov chain that tells run lengths."""
-FARTHEST = 8.0
-"""A residual beyond so many standard deviations counts as that: a normal score has no end."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,18 +65,14 @@ class ControlChart:
 class Charted(NamedTuple):
     """What a control chart knows after a value: what it has learned of the series, and its sums.
 
-    Carried from value to value, so that a chart costs the same after ten thousand of them; days count from anywhere.
-    `residual` is the newest value's standard residual (NaN while it is learned from), `statistic` what is compared with
-    the threshold, `quiet` how many values ago the chart last signalled (-1: never, 0: now).
+    Carried from value to value, so that a chart costs the same after ten thousand of them. `fits` are one for each lag
+    by which the series may follow its drivers; `residual` is the newest value's standard residual (NaN while it is
+    learned from), `statistic` what is compared with the threshold, `quiet` how many values ago the chart last signalled
+    (-1: never, 0: now).
     """
 
     known: int = 0
-    day: float = 0.0
-    value: float = 0.0
-    day_squares: float = 0.0
-    products: float = 0.0
-    squares: float = 0.0
-    freedom: int = 0
+    fits: tuple[Fit, ...] = ()
     up: float = 0.0
     down: float = 0.0
     smooth: float = 0.0
@@ -89,7 +86,18 @@ class Charted(NamedTuple):
         return self.quiet == 0
 
 
-def charted(before: Charted, day: float, value: float, chart: Chart, limit: float, model: Model = "level") -> Charted:
+NO_DRIVERS: tuple[tuple[float, ...], ...] = ((),)
+
+
+def charted(
+    before: Charted,
+    day: float,
+    value: float,
+    chart: Chart,
+    limit: float,
+    model: Model = "level",
+    drivers: Sequence[Sequence[float]] = NO_DRIVERS,
+) -> Charted:
     """Put the next value on a chart.
 
     Parameters
@@ -105,10 +113,14 @@ def charted(before: Charted, day: float, value: float, chart: Chart, limit: floa
         `threshold` of the chart.
     model : {"level", "line"}
         What "no change" is: a level, or a steady rate.
+    drivers : sequence of sequence of float, shape (lags, quantities)
+        What else moves the series and is taken out of it, such as the temperature, as it was each of some lags before.
+        A value is judged by the lag that told the values before it best.
     """
-    residual, learned = _learned(before, day, value, model)
+    residual, fits = _learned(before.fits, (day,) if model == "line" else (), value, drivers)
+    learned = before._replace(known=before.known + 1, fits=fits, residual=residual, statistic=math.nan)
     if math.isnan(residual):
-        return learned._replace(residual=residual, statistic=math.nan)
+        return learned
     up, down, smooth = before.up, before.down, before.smooth
     if chart == "cusum":
         up, down = max(0.0, up + residual - SLACK), max(0.0, down - residual - SLACK)
@@ -117,44 +129,23 @@ def charted(before: Charted, day: float, value: float, chart: Chart, limit: floa
         smooth += WEIGHT * (residual - smooth)
         statistic = abs(smooth)
     if statistic > limit:
-        return learned._replace(up=0.0, down=0.0, smooth=0.0, residual=residual, statistic=statistic, quiet=0)
+        return learned._replace(up=0.0, down=0.0, smooth=0.0, statistic=statistic, quiet=0)
     quiet = before.quiet + 1 if before.quiet >= 0 else -1
-    return learned._replace(up=up, down=down, smooth=smooth, residual=residual, statistic=statistic, quiet=quiet)
+    return learned._replace(up=up, down=down, smooth=smooth, statistic=statistic, quiet=quiet)
 
 
-def _learned(before: Charted, day: float, value: float, model: Model) -> tuple[float, Charted]:
-    """Give the standard residual of a value, and what is known with it; NaN where too few values foretell it.
+def _learned(
+    before: tuple[Fit, ...], steady: tuple[float, ...], value: float, drivers: Sequence[Sequence[float]]
+) -> tuple[float, tuple[Fit, ...]]:
+    """Give the standard residual of a value and the fits with it.
 
-    Recursive residuals (Brown, Durbin and Evans 1975) of a level or of a line over time, each divided by the standard
-    deviation of those before it, which makes a Student t of known degrees of freedom; its normal score is standard
-    normal and independent of the others (self-starting charts: Hawkins 1987, Quesenberry 1991). So no length of
-    quiet baseline is needed, and the rate of false alarms is the stated one from the first residual on.
+    No length of quiet baseline is needed, and the rate of false alarms is the stated one from the first residual on.
     """
-    from scipy.special import ndtri, stdtr
-
-    count, away = before.known, day - before.day
-    residual, squares, freedom = math.nan, before.squares, before.freedom
-    line = model == "line"
-    if count >= (2 if line else 1) and not (line and before.day_squares <= 0):
-        leverage = 1.0 / count + (away * away / before.day_squares if line else 0.0)
-        foretold = before.value + (before.products / before.day_squares * away if line else 0.0)
-        step = (value - foretold) / math.sqrt(1.0 + leverage)
-        if freedom >= 2 and squares > 0:
-            student = step / math.sqrt(squares / freedom)
-            # through the tail that is small: a score far out keeps its digits
-            score = -float(ndtri(stdtr(freedom, -abs(student))))
-            residual = math.copysign(min(score, FARTHEST), student)
-        squares, freedom = squares + step * step, freedom + 1
-    mean_day, off = before.day + away / (count + 1), value - before.value
-    return residual, before._replace(
-        known=count + 1,
-        day=mean_day,
-        value=before.value + off / (count + 1),
-        day_squares=before.day_squares + away * (day - mean_day),
-        products=before.products + (day - mean_day) * off,
-        squares=squares,
-        freedom=freedom,
-    )
+    fits = before or (Fit(),) * len(drivers)
+    found = [fitted(fit, (*steady, *lagged), value) for fit, lagged in zip(fits, drivers, strict=True)]
+    # by the values before this one only: chosen with it, the residual would be too small
+    best = min(range(len(fits)), key=lambda n: fits[n].squares / fits[n].freedom if fits[n].freedom else math.inf)
+    return score(fits[best], found[best][0], chosen=len(fits) > 1), tuple(fit for _, fit in found)
 
 
 def control_chart(
@@ -164,6 +155,7 @@ def control_chart(
     chart: Chart = "cusum",
     model: Model = "level",
     false_alarm_every: float = 400.0,
+    drivers: Floats | None = None,
 ) -> ControlChart:
     """Put a series on a control chart.
 
@@ -179,6 +171,8 @@ def control_chart(
         What "no change" is: a level, or a steady rate.
     false_alarm_every : float
         Values between false alarms in the mean (average run length under no change), 10 to 100,000.
+    drivers : ndarray of float64, shape (n, lags, quantities), optional
+        As `followed` gives them: taken out of the series. A value beside which one is NaN is passed over.
 
     Returns
     -------
@@ -194,12 +188,14 @@ def control_chart(
     limit = threshold(chart, float(false_alarm_every))
     residual, statistic = np.full(values.shape, np.nan), np.full(values.shape, np.nan)
     signals = np.zeros(values.shape, dtype=np.bool_)
-    known = np.flatnonzero(np.isfinite(values) & ~np.isnat(times))
+    beside = np.zeros((*values.shape, 1, 0)) if drivers is None else drivers
+    known = np.flatnonzero(np.isfinite(values) & ~np.isnat(times) & np.isfinite(beside).all(axis=(1, 2)))
     state = Charted()
     if known.size:
-        days = (times[known] - times[known[0]]) / np.timedelta64(1, "D")
-        for n, day, value in zip(known.tolist(), days.tolist(), values[known].tolist(), strict=True):
-            state = charted(state, day, value, chart, limit, model)
+        days = ((times[known] - times[known[0]]) / np.timedelta64(1, "D")).tolist()
+        rows = zip(known.tolist(), days, values[known].tolist(), beside[known].tolist(), strict=True)
+        for n, day, value, moved in rows:
+            state = charted(state, day, value, chart, limit, model, moved)
             residual[n], statistic[n], signals[n] = state.residual, state.statistic, state.signals
     return ControlChart(residual, statistic, limit, signals, float(false_alarm_every))
 

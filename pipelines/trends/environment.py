@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from .trend import inflation
 
-__all__ = ["ENVIRONMENT", "Corrected", "Effect", "correct_for"]
+__all__ = ["ENVIRONMENT", "Corrected", "Effect", "correct_for", "followed"]
 
 Floats = npt.NDArray[np.float64]
 Times = npt.NDArray[np.datetime64]
@@ -111,16 +111,15 @@ def correct_for(
     if not drivers or len(times) < FEWEST:
         return None
     day = (times - times[0]) / np.timedelta64(1, "D")
-    lags = np.linspace(0.0, max_lag_hours, LAGS if max_lag_hours > 0 else 1)
-    read = [((at - times[0]) / np.timedelta64(1, "D"), x) for at, x in drivers.values()]
-    followed = [np.stack([_at(at, x, day - lag / 24) for at, x in read], axis=1) for lag in lags]
+    lags = _lags(max_lag_hours)
+    before = followed(times, tuple(drivers.values()), max_lag_hours)
     # the same values for all lags, or the sums of squares could not be compared
-    used = np.isfinite(values) & np.isfinite(np.concatenate(followed, axis=1)).all(axis=1)
+    used = np.isfinite(values) & np.isfinite(before).all(axis=(1, 2))
     count, size = int(used.sum()), 2 + len(drivers)
     freedom = count - size - (len(lags) > 1)
-    if count < FEWEST or freedom < 4 or any(np.ptp(followed[0][used, k]) <= 0 for k in range(len(drivers))):
+    if count < FEWEST or freedom < 4 or any(np.ptp(before[used, 0, k]) <= 0 for k in range(len(drivers))):
         return None
-    designs = [np.column_stack([np.ones(count), day[used], x[used]]) for x in followed]
+    designs = [np.column_stack([np.ones(count), day[used], before[used, n]]) for n in range(len(lags))]
     losses = [float(np.linalg.lstsq(design, values[used], rcond=None)[1].sum()) for design in designs]
     best = int(np.argmin(losses))
     fit, covariance, residual = _robust(designs[best], values[used], freedom)
@@ -129,7 +128,7 @@ def correct_for(
     from scipy.special import stdtrit
 
     half = float(stdtrit(freedom, 0.975)) * slope_sigma
-    away = followed[best] - followed[best][used].mean(axis=0)
+    away = before[:, best] - before[used, best].mean(axis=0)
     uncertain = np.einsum("nk,kl,nl->n", away, covariance[2:, 2:], away)
     deviations = np.sqrt(np.diag(covariance)[2:])
     effects = tuple(Effect(name, float(c), float(s)) for name, c, s in zip(drivers, fit[2:], deviations, strict=True))
@@ -146,12 +145,41 @@ def correct_for(
     )
 
 
+def followed(times: Times, drivers: Sequence[tuple[Times, Floats]], max_lag_hours: float) -> Floats:
+    """Give environmental quantities as they were before some times, by each of the lags that are tried.
+
+    Parameters
+    ----------
+    times : ndarray of datetime64, shape (n,)
+    drivers : sequence of (ndarray of datetime64, ndarray of float64), shape (m,) each
+        As for `correct_for`.
+    max_lag_hours : float
+
+    Returns
+    -------
+    ndarray of float64, shape (n, lags, quantities)
+        NaN where a quantity is not known.
+    """
+    lags = _lags(max_lag_hours) / 24
+    if not times.size:
+        return np.zeros((0, len(lags), len(drivers)))
+    day = (times - times[0]) / np.timedelta64(1, "D")
+    read = [((at - times[0]) / np.timedelta64(1, "D"), x) for at, x in drivers]
+    return np.stack([_at(at, x, day[:, np.newaxis] - lags) for at, x in read], axis=2)
+
+
+def _lags(max_lag_hours: float) -> Floats:
+    return np.linspace(0.0, max_lag_hours, LAGS if max_lag_hours > 0 else 1)
+
+
 def _at(read: Floats, x: Floats, wanted: Floats) -> Floats:
     """Give a quantity at some times, in days; NaN beyond its readings and across long gaps."""
     known = np.isfinite(x)
-    if known.sum() < 2:
-        return np.full(wanted.shape, np.nan)
     at = read[known]
+    if len(at) < 2:
+        return (
+            np.where(np.abs(wanted - at[0]) < EXACT, x[known][0], np.nan) if len(at) else np.full_like(wanted, np.nan)
+        )
     steps = np.diff(at)
     after = np.clip(np.searchsorted(at, wanted - EXACT), 1, len(at) - 1)
     exact = (np.abs(at[after] - wanted) < EXACT) | (np.abs(at[after - 1] - wanted) < EXACT)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,11 +12,12 @@ import numpy.typing as npt
 from .alarm_rule import AlarmRule, Decision
 from .alarm_state import AlarmState
 from .control import Charted, charted, threshold
+from .environment import followed
 from .forecast import time_to_limit
 from .limits import Limits, judge, worst_state
 from .trend import Trend, thinned, trend
 
-__all__ = ["Watch", "decide", "remembered", "silent", "watched"]
+__all__ = ["Watch", "aired", "decide", "remembered", "silent", "watched"]
 
 Floats = npt.NDArray[np.float64]
 Times = npt.NDArray[np.datetime64]
@@ -45,24 +46,25 @@ class Watch:
         Where it stands, and by which words of its rule.
     by_value : {"ok", "warning", "alarm"}
         Where the limits of the value alone stand: what hysteresis holds.
-    measured : bool
-        Whether there was a value since the baseline.
     silent : int
         Slots in a row without a value that can be judged.
     chart : Charted
     times, values, sigmas : ndarray, shape (n,)
-        The newest values, as many as the rule looks back on.
+        The newest values, as many as the rule looks back on; none: there was no value since the baseline.
+    air_times, air : ndarray, shape (m,) and (m, quantities)
+        What the environment was, as far back as the chart looks.
     """
 
     state: AlarmState = "ok"
     why: str = ""
     by_value: AlarmState = "ok"
-    measured: bool = False
     silent: int = 0
     chart: Charted = field(default_factory=Charted)
     times: Times = field(default_factory=_no_times)
     values: Floats = field(default_factory=_no_values)
     sigmas: Floats = field(default_factory=_no_values)
+    air_times: Times = field(default_factory=_no_times)
+    air: Floats = field(default_factory=_no_values)
 
 
 def watched(rule: AlarmRule, before: Watch, time: np.datetime64, value: float, sigma: float) -> Watch:
@@ -75,14 +77,11 @@ def watched(rule: AlarmRule, before: Watch, time: np.datetime64, value: float, s
         ``Watch()`` at the baseline.
     time : datetime64
     value, sigma : float
-        The metric and its standard uncertainty; where either is not finite, it is one more slot without a value, once
-        there has been one: what nobody has seen yet (no crack, so no opening) is not lost.
+        The metric and its standard uncertainty; where either is not finite, it is one more slot without a value.
     """
     after = remembered(rule, before, time, value, sigma)
     if after.silent:
-        return _stands(rule, after, "not measured")
-    if not after.measured:
-        return replace(after, state="ok", why="")
+        return _stands(rule, after, "the environment was not read" if math.isfinite(value + sigma) else "not measured")
     decision = decide(rule, after)
     return replace(after, state=decision.state, why=decision.why)
 
@@ -96,13 +95,32 @@ def _stands(rule: AlarmRule, after: Watch, cause: str) -> Watch:
     if after.silent < rule.no_data_after:
         return after
     count = f"{after.silent} {'slot' if after.silent == 1 else 'slots'} in a row"
-    return replace(after, state="no data", why=f"{count} without a value to judge, the last: {cause}")
+    never = "" if after.times.size else ", and no value since the baseline"
+    return replace(after, state="no data", why=f"{count} without a value to judge{never}, the last: {cause}")
+
+
+def aired(rule: AlarmRule, before: Watch, time: np.datetime64, air: Mapping[str, float]) -> Watch:
+    """Take in what the environment was at a scan, before its value, whether that can be judged or not."""
+    read = [air.get(name, math.nan) for name in rule.drivers]
+    if not read or not all(map(math.isfinite, read)):
+        return before
+    times = np.append(before.air_times, time)
+    readings = np.append(before.air.reshape(-1, len(read)), [read], axis=0)
+    # one reading from before the longest lag, to interpolate from
+    oldest = time - np.timedelta64(round(rule.max_lag_hours * 3_600_000), "ms")
+    keep = max(0, int(np.searchsorted(times, oldest, side="right")) - 1)
+    return replace(before, air_times=times[keep:], air=readings[keep:])
 
 
 def remembered(rule: AlarmRule, before: Watch, time: np.datetime64, value: float, sigma: float) -> Watch:
-    """Take a value in without judging it: `state` and `why` stay; for a series of which only the end matters."""
-    if not (math.isfinite(value) and math.isfinite(sigma)):
-        return replace(before, silent=before.silent + 1) if before.measured else replace(before, silent=0)
+    """Take a value in without judging it: `state` and `why` stay; for a series of which only the end matters.
+
+    A chart passes over a value beside which the environment is not known. Where it is all there is to judge by, that is
+    a slot without a value.
+    """
+    unread = bool(rule.drivers) and (not before.air_times.size or before.air_times[-1] != time)
+    if not (math.isfinite(value) and math.isfinite(sigma)) or (unread and rule.judges_by_chart_alone):
+        return replace(before, silent=before.silent + 1)
     times, values, sigmas = (
         np.append(old, new) for old, new in ((before.times, time), (before.values, value), (before.sigmas, sigma))
     )
@@ -110,14 +128,15 @@ def remembered(rule: AlarmRule, before: Watch, time: np.datetime64, value: float
     chart = before.chart
     if rule.chart is not None:
         limit = threshold(rule.chart, float(rule.false_alarm_every))
-        chart = charted(chart, _days(time), value, rule.chart, limit, rule.model)
+        drivers = _followed(rule, before, time)
+        if np.isfinite(drivers).all():
+            chart = charted(chart, _days(time), value, rule.chart, limit, rule.model, drivers.tolist())
     by_value = before.by_value
     if rule.limits is not None:
         by_value = _value_state(rule, rule.limits, values, sigmas, before.by_value)
     return replace(
         before,
         by_value=by_value,
-        measured=True,
         silent=0,
         chart=chart,
         times=times[keep:],
@@ -131,6 +150,15 @@ def decide(rule: AlarmRule, watch: Watch) -> Decision:
     found = [decision for decision in _parts(rule, watch) if decision.state != "ok"]
     worst = worst_state(decision.state for decision in found)
     return Decision(worst, "; ".join(decision.why for decision in found if decision.state == worst))
+
+
+def _followed(rule: AlarmRule, watch: Watch, time: np.datetime64) -> Floats:
+    """Give the environment by each lag before a time, shape (lags, quantities); NaN where it is not known."""
+    if not rule.drivers:
+        return np.zeros((1, 0))
+    quantities = [(watch.air_times, x) for x in watch.air.reshape(-1, len(rule.drivers)).T]
+    found: Floats = followed(np.array([time]), quantities, rule.max_lag_hours)[0]
+    return found
 
 
 def _days(time: np.datetime64) -> float:

@@ -21,7 +21,7 @@ import psutil
 
 from dashboards import LiveReview, record_review, serve_shards, update_shards, write_report
 from dashboards.viewer import LOCAL, MEMORY, end, free_port, start, viewer_program, wait_until_listening
-from monitor.following import ticks_since
+from monitor.live_review import ticks_since
 from storage import Stored
 from tests.dashboards.drying import SIX_HOURS, START, DryingStore, drying_store
 

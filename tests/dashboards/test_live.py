@@ -14,7 +14,7 @@ import pytest
 from dashboards import LiveReview
 from dashboards.live import WAITING
 from dashboards.viewer import LOCAL, end, free_port, start, viewer_program, wait_until_listening
-from monitor.following import ticks_since
+from monitor.live_review import ticks_since
 from pipelines import Event, Measurement, Tick
 
 from .drying import UNITS, DryingStore, drying_store

@@ -22,7 +22,7 @@ from monitor.clock import AcceleratedClock
 from monitor.environment import Reading, Sensor, make_sensor, units_of
 from monitor.loop import Loop
 from monitor.scheduler import IntervalSlots
-from pipelines import Instant, Measurement
+from pipelines import Instant, Measurement, Tick
 from storage import create_store, open_store
 
 from .stand_ins import T0, FakeLedger, FakeRig, after, whole
@@ -169,15 +169,17 @@ SETTINGS = Environment(http="http://127.0.0.1/", temperature_c="t")
 
 def test_trouble_is_told_once_and_its_end_too() -> None:
     reading = Reading(SETTINGS, Script([1.0, None, None, 2.0]))
-    told = [reading.at(scan_at(after(number))) for number in range(4)]
-    assert [[event.text for event in events] for _, events in told] == [
+    ticks = [Tick(after(number), scan_at(after(number))) for number in range(4)]
+    assert reading.at(after(0)) == {"temperature": Measurement(1.0, 0.5)}
+    told = [reading.beside(tick) for tick in ticks]
+    assert [[event.text for event in tick.events] for tick in told] == [
         [],
         ["environment not read: the sensor is gone"],
         [],
         ["environment is read again"],
     ]
-    assert told[0][0] == {"temperature": Measurement(1.0, 0.5)}
-    assert np.isnan(told[1][0]["temperature"].value)
+    assert told[0].metrics == {"temperature": Measurement(1.0, 0.5)}, "read once for the alarms and the store"
+    assert np.isnan(told[1].metrics["temperature"].value)
 
 
 def test_readings_are_kept_with_every_scan_the_baseline_too(tmp_path: Path) -> None:

@@ -56,7 +56,7 @@ def test_what_cannot_be_followed(tmp_path: Path, capsys: pytest.CaptureFixture[s
     path = fill(tmp_path / "dish.icechunk", 1)
     out = str(tmp_path / "tracks.csv")
     for tokens, said in (
-        ([str(path), "--out", out], "holds 1 scans"),
+        ([str(path), "--out", out], "holds 1 scan, and nothing is seen to move"),
         ([str(path), "--out", out, "--least-height-mm", "0"], "must be above 0"),
         ([str(path), "--out", out, "--capture-seconds", "0"], "must be above 0"),
         ([str(tmp_path / "none"), "--out", out], "no such store"),

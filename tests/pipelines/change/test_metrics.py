@@ -60,13 +60,34 @@ def test_a_scan_against_itself() -> None:
     assert found["crack_opening"].value == pytest.approx(0.2, abs=0.02)
 
 
-def test_no_crack_is_an_area_of_nothing_and_an_opening_of_nan() -> None:
+def test_no_crack_seen_is_nothing_and_not_unmeasured() -> None:
     flat = noisy(sampled(bumps(3), *SHAPE), 0, 0)
     found = measure(compare(flat, flat), METRICS)
     assert found["crack_area"].value == 0
     assert found["crack_length"].value == 0
-    assert np.isnan(found["crack_opening"].value)
+    for name in ("crack_opening", "crack_depth", "crack_volume"):
+        assert found[name].value == 0, name
+        assert 0 < found[name].sigma <= PITCH, name
     assert np.isnan(found["edge_lift"].value)
+    hidden = scan_of(np.where(np.arange(SHAPE[1]) < 160, np.nan, flat.height), PITCH, hour=1)
+    assert np.isnan(measure(compare(hidden, flat), ["crack_opening"])["crack_opening"].value)
+
+
+def test_roughness_is_that_of_the_region_and_as_sure_as_it_says() -> None:
+    """A wave of known amplitude under noise, beside a holder that is much rougher."""
+    row, column = np.indices(SHAPE)
+    wave = 0.02 * np.cos(2 * np.pi * (column + 0.5) / 60)  # even in the region: no plane in it
+    holder = np.broadcast_to(column < 60, SHAPE)
+    rough = np.where(holder, np.random.default_rng(1).normal(0, 1, SHAPE), wave + 0.002 * row)
+    comparison = compare(noisy(rough, 2, 1), noisy(rough, 3, 0), holder)
+    found = measure(comparison, ["roughness_sa", "roughness_sq", "roughness_sku", "roughness_sz"])
+    passed = float(np.exp(-np.pi * np.log(2) / np.pi * (3 / 60) ** 2))  # the Gaussian's transfer at 60 cells
+    truth = {"sa": 0.02 * 2 / np.pi * passed, "sq": 0.02 / np.sqrt(2) * passed, "sku": 1.5}
+    for name, value in truth.items():
+        one = found[f"roughness_{name}"]
+        assert abs(one.value - value) < 2 * one.sigma, name
+        assert one.sigma < 0.08 * value
+    assert 0.04 < found["roughness_sz"].value < 0.04 + 10 * 0.005  # noise of 5 um, five of it at each end
 
 
 def test_nothing_measured_is_nan_everywhere_but_in_the_shares() -> None:

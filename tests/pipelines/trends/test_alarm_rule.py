@@ -11,6 +11,7 @@ from pipelines.trends import (
     AlarmState,
     Limits,
     Watch,
+    aired,
     decide,
     remembered,
     silent,
@@ -45,9 +46,45 @@ def test_plain_limits() -> None:
     assert states(rule, [0.5, 1.5, 2.5, np.nan, 0.5]) == ["ok", "warning", "alarm", "no data", "ok"]
 
 
-def test_what_was_never_seen_is_not_lost_and_what_was_seen_is() -> None:
+def test_what_was_never_seen_is_no_data_as_what_is_seen_no_more() -> None:
     rule = AlarmRule(LIMITS, no_data_after=2)
-    assert states(rule, [np.nan] * 4 + [0.5, np.nan, np.nan, 0.5, np.nan]) == ["ok"] * 6 + ["no data", "ok", "ok"]
+    found = watch(rule, [np.nan] * 3 + [0.5, np.nan, np.nan, 0.5, np.nan])
+    assert [each.state for each in found] == ["ok", "no data", "no data", "ok", "ok", "no data", "ok", "ok"]
+    assert found[2].why == (
+        "3 slots in a row without a value to judge, and no value since the baseline, the last: not measured"
+    )
+    assert found[5].why == "2 slots in a row without a value to judge, the last: not measured"
+
+
+def breathe(rule: AlarmRule, values: npt.ArrayLike, air: npt.ArrayLike) -> list[Watch]:
+    found = [Watch()]
+    readings = np.asarray(air, dtype=np.float64).tolist()
+    for time, value, read in zip(days(len(readings)), np.asarray(values).tolist(), readings, strict=True):
+        found.append(watched(rule, aired(rule, found[-1], time, {"temperature": read}), time, value, 0.01))
+    return found[1:]
+
+
+def test_a_chart_beside_the_environment_warns_of_what_the_environment_does_not_explain() -> None:
+    random = np.random.default_rng(4)
+    air = 15 + 8 * np.sin(np.arange(80) / 7) + random.normal(0, 1, 80)
+    values = 0.5 * np.append(air[:2], air[:-2]) + random.normal(0, 0.2, 80)  # two days late
+    values[60:] += 0.8
+    rule = AlarmRule(chart="cusum", drivers=("temperature",), max_lag_hours=72)
+    found = breathe(rule, values, air)
+    assert "warning" not in [each.state for each in found[:60]]
+    assert "warning" in [each.state for each in found[60:70]]
+    assert len(found[-1].air_times) <= 5, "no more is carried than the longest lag needs"
+    assert "warning" in states(AlarmRule(chart="cusum"), values[:60]), "which the weather alone would have raised"
+
+
+def test_without_the_environment_a_chart_of_it_has_no_data_and_limits_go_on() -> None:
+    unread = [1.0, 2.0, np.nan, np.nan, 3.0]
+    alone = AlarmRule(chart="cusum", drivers=("temperature",), no_data_after=2)
+    found = breathe(alone, [0.5] * 5, unread)
+    assert [each.state for each in found] == ["ok", "ok", "ok", "no data", "ok"]
+    assert found[3].why.endswith("the last: the environment was not read")
+    both = AlarmRule(LIMITS, chart="cusum", drivers=("temperature",), no_data_after=2)
+    assert [each.state for each in breathe(both, [0.5, 0.5, 0.5, 1.5, 0.5], unread)] == [*["ok"] * 3, "warning", "ok"]
 
 
 def test_silence_neither_clears_nor_raises_until_it_lasts() -> None:
