@@ -97,8 +97,8 @@ def _overview(layout: Layout) -> Any:
     return rrb.Horizontal(
         rrb.Vertical(
             rrb.Horizontal(
-                surface_view(layout.scales, "Surface now", far=1.4),
-                surface_view(layout.scales, "Baseline", baseline=True, far=1.4),
+                surface_view(layout.scales, "Surface now", far=1.55),
+                surface_view(layout.scales, "Baseline", baseline=True, far=1.55),
             ),
             rrb.Horizontal(lanes(), log(), column_shares=[4, 5]),
             row_shares=[3, 1.2],

@@ -5,6 +5,7 @@ A recording is a cache for people to look at; the store is the archive.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -107,8 +108,9 @@ def check_not_empty(store: Store) -> None:
 
 
 def recording_id(store: Store) -> str:
-    """Name the recording of a store: one for all its days."""
-    return f"{store.about.site or paths.APPLICATION}-{store.about.campaign_hash[:12]}"
+    """Name the recording of a store, one for all its days, so that it can stand in an address."""
+    name = f"{store.about.site or paths.APPLICATION}-{store.about.campaign_hash[:12]}"
+    return re.sub(r"[^A-Za-z0-9.]+", "-", name).strip("-")
 
 
 def layout_of(store: Store, scales: Scales) -> Layout:

@@ -43,7 +43,7 @@ def seen(shards: tuple[DryingStore, Shards], tmp_path_factory: pytest.TempPathFa
         pytest.skip(lacking)
     found: Seen = {}
     folder = tmp_path_factory.mktemp("pictures")
-    with looker(size="800x560") as look:
+    with looker(size="1000x640") as look:
         for preset in PRESETS:
             with serve_shards(shards[1], preset) as address:
                 found[preset] = _look(look, address)
