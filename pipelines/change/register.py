@@ -27,6 +27,8 @@ MOST_CELLS = 40_000
 """More cells than this do not make the plane better: the correlated error stays."""
 THIN = 4
 """A scan that follows another is levelled on every fourth cell each way: those between share their errors."""
+LEAST_FOLLOWED = 160_000
+"""Fewer cells are registered in full: that takes no longer, and a sixteenth of them would be too few."""
 
 
 def register(
@@ -46,9 +48,9 @@ def register(
         of dz explains; uniform settlement of everything cannot be seen then. Where that is less than half of the
         patches, everything is used with robust weights, and the verdict is doubtful.
     near : Motion, optional
-        Of a scan shortly before, onto the same baseline, found good: then drift is sought from there, on a quarter of
-        the rows, and height and tilt on every fourth cell each way. Where no search could have found another shift
-        nearly as good, and all of it is good, that is the motion; anything else is registered in full.
+        Of a scan shortly before, onto the same baseline: drift is then sought from there, on a quarter of the rows.
+        Where no search could have found another shift nearly as good, height and tilt follow on every fourth cell each
+        way. If all of it is good, that is the motion; anything else is registered in full.
 
     Returns
     -------
@@ -82,16 +84,17 @@ def find_motion(
         return _failed(overlap, "the stable areas hold fewer than 50 measured cells of the baseline"), nowhere
     if overlap < LEAST_OVERLAP:
         return _failed(overlap, f"only {overlap:.0%} of the stable cells were measured again"), nowhere
-    if near is not None and near.verdict == "good" and count >= MOST_CELLS * THIN**2 // 4:
+    drift = None
+    if near is not None and near.verdict != "failed" and count >= LEAST_FOLLOWED:
         drift = followed_drift(scan, baseline, ground, near)
-        if drift is not None:
-            thin = _thinned(baseline)
-            motion, held = _levelled(scan, thin, ground[::THIN, ::THIN], stable is None, drift, overlap)
-            if motion.verdict == "good":
-                return motion, ground if stable is not None else ground & _widened(held, ground.shape)
-    drift = lateral_drift(scan, baseline, ground)
-    motion, held = _levelled(scan, baseline, ground, stable is None, drift, overlap)
-    return motion, held
+    if drift is not None:
+        thin = _thinned(baseline)
+        motion, held = _levelled(scan, thin, ground[::THIN, ::THIN], stable is None, drift, overlap)
+        if motion.verdict == "good":
+            return motion, ground if stable is not None else ground & _widened(held, ground.shape)
+    else:
+        drift = lateral_drift(scan, baseline, ground)
+    return _levelled(scan, baseline, ground, stable is None, drift, overlap)
 
 
 def _levelled(
