@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from ..slabs import side_by_side
 from .blocks import error_sums
-from .ranks import median, robust_sigma
+from .ranks import MAD_TO_SIGMA, median
 
 __all__ = ["ErrorCovariance", "covariance_by_lag", "covariance_of_sums", "error_covariance", "longest_lag"]
 
@@ -70,7 +70,8 @@ def error_covariance(dz: npt.NDArray[np.float32], stable: Mask, block: int = 1) 
     """
     if np.count_nonzero(stable & np.isfinite(dz)) < LEAST_CELLS:
         return None
-    middle, spread = median(dz, stable), robust_sigma(dz, stable)
+    middle = median(dz, stable)
+    spread = MAD_TO_SIGMA * median(dz, stable, middle)
     values, counts, variance = error_sums(dz, stable, block, middle, GROSS * max(spread, 1e-9))
     reach = longest_lag((dz.shape[0], dz.shape[1])) // block
     pairs, products = _pooled([(values, counts)], reach)

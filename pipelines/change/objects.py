@@ -12,6 +12,7 @@ from scipy import ndimage
 
 from ..grid import Grid
 from ..scan import Scan
+from ..slabs import in_slabs
 from .ranks import median
 from .smoothing import local_mean
 from .squares import grown, shrunk
@@ -152,7 +153,7 @@ def find_objects(
     ]
     keep = np.zeros(int(labels.max(initial=0)) + 1, dtype=np.bool_)
     keep[[one.label for one in found]] = True
-    labels[~keep[labels]] = 0
+    in_slabs(len(labels), lambda first, last: _dropped(labels, keep, first, last), least=256)
     return labels, tuple(sorted(found, key=lambda one: -one.volume_mm3.value))
 
 
@@ -194,7 +195,15 @@ def _mahalanobis(one: Expected, x: npt.NDArray[np.float64], y: npt.NDArray[np.fl
 
 
 @njit(cache=True, nogil=True)
-def _moments(part):  # type: ignore[no-untyped-def]  # numba infers the types from the arrays
+def _dropped(labels, keep, first, last):  # type: ignore[no-untyped-def]  # numba infers the types from the arrays
+    for i in range(first, last):
+        for j in range(labels.shape[1]):
+            if not keep[labels[i, j]]:
+                labels[i, j] = 0
+
+
+@njit(cache=True, nogil=True)
+def _moments(part):  # type: ignore[no-untyped-def]  # as above
     """Middle row and column of the marked cells, and their variances and covariance: columns, both, rows."""
     n = r = c = cc = rc = rr = 0
     for i in range(part.shape[0]):

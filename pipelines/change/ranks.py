@@ -28,19 +28,13 @@ def _between(values, use, masked, about, centred, low, high, inside, first, last
     """How many values are known, how many of them lie below `low`; those up to `high` into `inside`."""
     known = below = kept = 0
     for k in range(first, last):
-        value = values[k]
-        if masked and not use[k]:
-            continue
-        if centred:
-            value = abs(value - about)
-        if not abs(value) < np.inf:
-            continue
-        known += 1
-        if value < low:
-            below += 1
-        elif value <= high:
-            inside[first + kept] = value
-            kept += 1
+        value = abs(values[k] - about) if centred else values[k]
+        good = (abs(value) < np.inf) & (use[k] if masked else True)
+        known += good
+        below += good & (value < low)
+        # no branch: what does not count is written over by the next
+        inside[first + kept] = value
+        kept += good & (value >= low) & (value <= high)
     return known, below, kept
 
 

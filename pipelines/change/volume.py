@@ -71,23 +71,20 @@ def sum_sigma(
     return least if covariance is None else max(least, volume_sigma(use, covariance.by_lag, pitch_mm))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
 def _jumps(dz, use, least, first, last):  # type: ignore[no-untyped-def]  # numba infers the types from the arrays
     """Sum over the cells of a slab of how far dz jumps from the cell above and the cell before, walls alone."""
     total = 0.0
     for i in range(first, last):
-        for j in range(dz.shape[1]):
-            if not use[i, j]:
-                continue
-            jump = 0.0
-            if i > 0 and use[i - 1, j]:
-                step = abs(dz[i, j] - dz[i - 1, j])
-                jump += step * step if step > least else 0.0
-            if j > 0 and use[i, j - 1]:
-                step = abs(dz[i, j] - dz[i, j - 1])
-                jump += step * step if step > least else 0.0
-            if jump > 0:
-                total += np.sqrt(jump)
+        above = max(i - 1, 0)  # the first row does not jump from itself
+        for j in range(1, dz.shape[1]):
+            down, aside = abs(dz[i, j] - dz[above, j]), abs(dz[i, j] - dz[i, j - 1])
+            down = down if use[i, j] & use[above, j] & (down > least) else np.float32(0)
+            aside = aside if use[i, j] & use[i, j - 1] & (aside > least) else np.float32(0)
+            total += np.sqrt(down * down + aside * aside)
+        down = abs(dz[i, 0] - dz[above, 0])
+        if use[i, 0] and use[above, 0] and down > least:
+            total += down
     return total
 
 
