@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from ..scan import Scan
 from .difference import difference
+from .motion import Motion
 from .move import apply_motion
 from .noise_model import NoiseModel
 from .register import find_motion
@@ -21,6 +22,7 @@ def compare(
     stable: npt.NDArray[np.bool_] | None = None,
     region: npt.NDArray[np.bool_] | None = None,
     noise: NoiseModel | None = None,
+    near: Motion | None = None,
 ) -> Comparison:
     """Compare a scan with its baseline.
 
@@ -35,6 +37,8 @@ def compare(
         are soil.
     noise : NoiseModel, optional
         Calibrated from repeat scans (`noise_model`); it then makes the level of detection and the volumes' uncertainty.
+    near : Motion, optional
+        Of a scan shortly before, onto the same baseline: in a video the scan is followed from there (see `register`).
 
     Returns
     -------
@@ -49,7 +53,7 @@ def compare(
     shape = baseline.grid.shape
     if region is not None and region.shape != shape:
         raise ValueError(f"region mask has shape {region.shape}, the grid {shape}")
-    motion, held = find_motion(scan, baseline, stable)
+    motion, held = find_motion(scan, baseline, stable, near)
     moved = apply_motion(scan, motion)
     counts = np.ones(shape, dtype=np.bool_) if region is None else region.copy()
     if stable is not None:

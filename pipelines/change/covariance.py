@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import lru_cache, partial
 
 import numpy as np
 import numpy.typing as npt
 
 from ..slabs import side_by_side
-from .smoothing import robust_sigma
+from .blocks import error_sums
+from .ranks import MAD_TO_SIGMA, median
 
-__all__ = ["covariance_by_lag", "covariance_of_sums", "error_covariance", "longest_lag"]
+__all__ = ["ErrorCovariance", "covariance_by_lag", "covariance_of_sums", "error_covariance", "longest_lag"]
 
 Floats = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -29,7 +31,26 @@ def longest_lag(shape: tuple[int, int]) -> int:
     return max(2, int(MOST_LAG_SHARE * min(shape)))
 
 
-def error_covariance(dz: npt.NDArray[np.float32], stable: Mask) -> Floats | None:
+@dataclass(frozen=True, slots=True, eq=False)
+class ErrorCovariance:
+    """How the error of a map hangs together.
+
+    Parameters
+    ----------
+    by_lag : ndarray of float64, shape (lags,)
+        Covariance, mm2, of cells in blocks that lie 0, 1, 2, ... blocks apart.
+    block : int
+        Side of a block, cells; with 1 the lags are cells.
+    variance : float
+        Of one cell, mm2.
+    """
+
+    by_lag: Floats
+    block: int
+    variance: float
+
+
+def error_covariance(dz: npt.NDArray[np.float32], stable: Mask, block: int = 1) -> ErrorCovariance | None:
     """Covariance of dz's error by lag, from ground that did not move.
 
     Parameters
@@ -37,23 +58,25 @@ def error_covariance(dz: npt.NDArray[np.float32], stable: Mask) -> Floats | None
     dz : ndarray of float32, shape (rows, columns)
         mm; NaN where not measured.
     stable : ndarray of bool, shape (rows, columns)
+    block : int
+        Every pair of cells counts whatever the blocks: they tell lags apart by so many cells, and the variance of a
+        sum over whole blocks is the same.
 
     Returns
     -------
-    ndarray of float64, shape (lags,) or None
-        mm2 at lags of 0, 1, 2, ... cells, averaged over directions and cut at its first value below zero; None
-        where fewer than 400 stable cells were measured. Gross outliers (beyond 6 robust sigmas) are left out.
+    ErrorCovariance or None
+        Averaged over directions and cut at its first value below zero; None where fewer than 400 stable cells were
+        measured. Gross outliers (beyond 6 robust sigmas) are left out.
     """
-    use = stable & np.isfinite(dz)
-    if use.sum() < LEAST_CELLS:
+    if np.count_nonzero(stable & np.isfinite(dz)) < LEAST_CELLS:
         return None
-    middle, spread = float(np.median(dz[use])), robust_sigma(dz[use])
-    use &= np.abs(np.where(use, dz, 0) - middle) <= GROSS * max(spread, 1e-9)
-    values = np.where(use, dz, np.float32(0)).astype(np.float64)
-    values = np.where(use, values - values[use].mean(), 0.0)
-    reach = longest_lag((dz.shape[0], dz.shape[1]))
-    pairs, products = _pooled([(values, use)], reach)
-    return _positive(_with_plane(_mean_products(pairs, products), pairs, use, reach))
+    middle = median(dz, stable)
+    spread = MAD_TO_SIGMA * median(dz, stable, middle)
+    values, counts, variance = error_sums(dz, stable, block, middle, GROSS * max(spread, 1e-9))
+    reach = longest_lag((dz.shape[0], dz.shape[1])) // block
+    pairs, products = _pooled([(values, counts)], reach)
+    by_lag = _positive(_with_plane(_mean_products(pairs, products), pairs, counts, reach))
+    return ErrorCovariance(by_lag, block, variance if block > 1 or not by_lag.size else float(by_lag[0]))
 
 
 def _positive(covariance: Floats) -> Floats:
@@ -62,14 +85,14 @@ def _positive(covariance: Floats) -> Floats:
     return covariance[: int(below[0])] if below.size else covariance
 
 
-def _with_plane(found: Floats, pairs: Floats, use: Mask, reach: int) -> Floats:
+def _with_plane(found: Floats, pairs: Floats, counts: Floats, reach: int) -> Floats:
     """Give back to a covariance what fitting a plane to the same ground took from it.
 
     Residuals ``r = e - P e`` of a plane have the covariance ``C - P C P`` where errors reach less far than the ground
     does. P C P is a sum over the plane's three orthonormal shapes, of the variance of each times its autocorrelation,
     and follows from C: a few rounds find both.
     """
-    shapes = side_by_side(*(partial(_products, shape, reach) for shape in _plane_shapes(use)))
+    shapes = side_by_side(*(partial(_products, shape, reach) for shape in _plane_shapes(counts)))
     pairs = np.maximum(pairs, 1.0)
     covariance = found
     for _ in range(ROUNDS):
@@ -79,19 +102,19 @@ def _with_plane(found: Floats, pairs: Floats, use: Mask, reach: int) -> Floats:
     return covariance
 
 
-def _plane_shapes(use: Mask) -> list[Floats]:
-    """1, row and column on some cells, made orthonormal; 0 elsewhere."""
-    row, column = (np.arange(n, dtype=np.float64) - n / 2 for n in use.shape)
-    rows, columns = np.broadcast_to(row[:, None], use.shape), np.broadcast_to(column[None, :], use.shape)
+def _plane_shapes(counts: Floats) -> list[Floats]:
+    """1, row and column on the cells of blocks, made orthonormal, summed by blocks; `counts` is cells used of each."""
+    row, column = (np.arange(n, dtype=np.float64) - n / 2 for n in counts.shape)
+    rows, columns = np.broadcast_to(row[:, None], counts.shape), np.broadcast_to(column[None, :], counts.shape)
     shapes: list[Floats] = []
-    for plain in (np.ones(use.shape), rows, columns):
-        shape = np.where(use, plain, 0.0)
+    for plain in (np.ones(counts.shape), rows, columns):
+        shape = plain.copy()
         # Gram and Schmidt, twice: once leaves what rounding made of nearly parallel shapes
         for other in shapes * 2:
-            shape -= float(np.einsum("ij,ij", shape, other)) * other
-        size = float(np.sqrt(np.einsum("ij,ij", shape, shape)))
+            shape -= float(np.einsum("ij,ij,ij", shape, other, counts)) * other
+        size = float(np.sqrt(np.einsum("ij,ij,ij", shape, shape, counts)))
         shapes.append(shape / size if size > 0 else shape)
-    return shapes
+    return [shape * counts for shape in shapes]
 
 
 def covariance_by_lag(fields: Iterable[tuple[Floats, Mask]], reach: int) -> Floats:
@@ -113,7 +136,7 @@ def covariance_by_lag(fields: Iterable[tuple[Floats, Mask]], reach: int) -> Floa
     return _mean_products(*_pooled(fields, reach))
 
 
-def _pooled(fields: Iterable[tuple[Floats, Mask]], reach: int) -> tuple[Floats, Floats]:
+def _pooled(fields: Iterable[tuple[Floats, Mask | Floats]], reach: int) -> tuple[Floats, Floats]:
     """Pairs of cells by lag, and the sums of their values' products."""
     weight, total = np.zeros(reach + 1), np.zeros(reach + 1)
     for values, use in fields:
@@ -188,8 +211,7 @@ def covariance_of_sums(parts: Sequence[Floats], covariance: Floats) -> Floats:
     cut = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
     reach = covariance.size - 1
     shape = [fft.next_fast_len(n + reach + 1, real=True) for n in parts[0][cut].shape]
-    lag, inside = _lags(shape, reach)
-    power = fft.rfft2(np.where(inside, covariance[np.minimum(lag, reach)], 0.0)).real
+    power = _power(shape, covariance)
     # a real map's spectrum is kept by half: all columns but the first (and the last of an even width) stand for two
     power[:, 1 : (shape[1] + 1) // 2] *= 2
     spectra = side_by_side(*(partial(fft.rfft2, part[cut], shape) for part in parts))
@@ -198,9 +220,20 @@ def covariance_of_sums(parts: Sequence[Floats], covariance: Floats) -> Floats:
     return both
 
 
-def _lags(shape: list[int], reach: int) -> tuple[npt.NDArray[np.intp], Mask]:
-    """Distance of each lag of a plane of FFT lags, whole cells; and which are within reach."""
-    row = np.minimum(np.arange(shape[0]), shape[0] - np.arange(shape[0]))
-    column = np.minimum(np.arange(shape[1]), shape[1] - np.arange(shape[1]))
-    lag = np.rint(np.hypot(row[:, None], column[None, :])).astype(np.intp)
-    return lag, lag <= reach
+def _power(shape: list[int], covariance: Floats) -> Floats:
+    """Spectrum of a covariance by distance on a plane of FFT lags, half of it as of a real map."""
+    from scipy import fft
+
+    lag = _distances(covariance.size - 1)
+    plane = np.zeros((shape[0], lag.shape[1]))
+    plane[: lag.shape[0]] = np.where(lag < covariance.size, covariance[np.minimum(lag, covariance.size - 1)], 0.0)
+    if lag.shape[0] > 1:
+        plane[1 - lag.shape[0] :] = plane[lag.shape[0] - 1 : 0 : -1]
+    # even along both axes: along columns of a few lags first, then along rows, whose lags before 0 are as those after
+    down = fft.fft(plane, axis=0).real
+    along = np.zeros(shape)
+    along[:, : lag.shape[1]] = down
+    if lag.shape[1] > 1:
+        along[:, 1 - lag.shape[1] :] = down[:, lag.shape[1] - 1 : 0 : -1]
+    power: Floats = fft.rfft(along, axis=1).real
+    return power

@@ -11,6 +11,7 @@ from scipy import ndimage
 from ..scan import Scan
 from .crack_lines import CrackLines
 from .smoothing import local_mean
+from .squares import grown
 from .values import Measurement
 
 __all__ = ["CrackDepths", "crack_depths"]
@@ -68,7 +69,7 @@ def crack_depths(scan: Scan, mask: npt.NDArray[np.bool_], lines: CrackLines) -> 
     """
     nothing = Measurement(float("nan"), float("nan"))
     depth = np.full(mask.shape, np.nan, dtype=np.float32)
-    plates = np.isfinite(scan.height) & ~ndimage.binary_dilation(mask, structure=np.ones((3, 3)))
+    plates = np.isfinite(scan.height) & ~grown(mask)
     if not mask.any() or not plates.any():
         return CrackDepths(depth, nothing, nothing, float("nan") if not mask.any() else 0.0)
     level = local_mean(scan.height, RIM_CELLS, use=plates)
@@ -83,7 +84,7 @@ def crack_depths(scan: Scan, mask: npt.NDArray[np.bool_], lines: CrackLines) -> 
         return CrackDepths(depth, nothing, nothing, 0.0)
     grid = scan.grid
     sigma = float(np.sqrt(np.mean(np.square(scan.sigma[floor], dtype=np.float64))))
-    outermost = floor & ~ndimage.binary_erosion(mask, structure=np.ones((3, 3)), border_value=1)
+    outermost = floor & grown(~mask)
     raster = float(np.maximum(depth[outermost], 0).sum(dtype=np.float64)) * grid.cell_mm2 / np.sqrt(12)
     volume = Measurement(
         float(depth[floor].sum(dtype=np.float64)) * grid.cell_mm2,

@@ -6,12 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 from scipy import ndimage
 
 from ..scan import Scan
+from ..slabs import in_slabs
 from .distance import inner_distance
 from .extremes import greatest, least
+from .ranks import median
 from .smoothing import local_median
+from .squares import grown, shrunk
 
 __all__ = ["CrackRule", "crack_mask"]
 
@@ -73,7 +77,7 @@ def crack_mask(scan: Scan, rule: CrackRule | None = None) -> npt.NDArray[np.bool
     z = scan.height
     if not np.isfinite(z).any():
         return np.zeros(z.shape, dtype=np.bool_)
-    noise = rule.noise * float(np.nanmedian(scan.sigma)) if np.isfinite(scan.sigma).any() else 0.0
+    noise = rule.noise * float(np.nan_to_num(median(scan.sigma)))
 
     widest = round(rule.max_width_mm / pitch)
     sure = np.zeros(z.shape, dtype=np.bool_)
@@ -92,13 +96,13 @@ def crack_mask(scan: Scan, rule: CrackRule | None = None) -> npt.NDArray[np.bool
     steep = np.zeros(z.shape, dtype=np.bool_)
     for reach in (1, 2):  # one cell finds the top of a wall, two find it in noise
         steep |= highest(z, reach) - z > max(noise, rule.wall_slope * reach * pitch)
-    thick = ndimage.binary_opening(steep | core, structure=EIGHT) & steep
-    near = ndimage.binary_dilation(core, structure=EIGHT, iterations=2) & steep
+    thick = grown(shrunk(steep | core)) & steep
+    near = grown(core, 2) & steep
     reach = max(2, round(rule.max_width_mm / 4 / pitch))
-    grown = ndimage.binary_dilation(core, structure=EIGHT, iterations=reach, mask=core | thick | near)
-    grown = _long_parts(_without_pinholes(grown), rule, pitch)
-    grown = _below_ground(grown, z, deepest, 2 * widest | 1)
-    return _walled(grown, steep, np.isfinite(z))
+    found = ndimage.binary_dilation(core, structure=EIGHT, iterations=reach, mask=core | thick | near)
+    found = _long_parts(_without_pinholes(found), rule, pitch)
+    found = _below_ground(found, z, deepest, 2 * widest | 1)
+    return _walled(found, steep, np.isfinite(z))
 
 
 def _walled(
@@ -108,8 +112,8 @@ def _walled(
     labels, count = ndimage.label(mask, structure=EIGHT)
     if count == 0:
         return mask
-    rim = mask & ~ndimage.binary_erosion(mask, structure=EIGHT, border_value=1)
-    sharp = rim & (steep | ndimage.binary_dilation(mask & ~measured, structure=EIGHT))
+    rim = mask & grown(~mask)
+    sharp = rim & (steep | grown(mask & ~measured))
     keep = np.bincount(labels[sharp], minlength=count + 1) >= LEAST_WALL * np.bincount(labels[rim], minlength=count + 1)
     keep[0] = False
     return keep[labels]  # type: ignore[no-any-return]  # scipy ships no types
@@ -235,23 +239,48 @@ def _hidden(
 
     With them, for each, how far the two sides differ in height over how far they are apart; 0 elsewhere.
     """
-    measured = np.isfinite(z)
     hidden = np.zeros(z.shape, dtype=np.bool_)
     asymmetry = np.zeros(z.shape, dtype=np.float32)
-    shortest = np.full(z.shape, widest + 1)
-    for axis in (0, 1):
-        n = z.shape[axis]
-        index = np.arange(n).reshape((-1, 1) if axis == 0 else (1, -1))
-        before = np.maximum.accumulate(np.where(measured, index, -1), axis=axis)
-        after = np.flip(np.minimum.accumulate(np.flip(np.where(measured, index, n), axis), axis=axis), axis)
-        gap = after - before - 1
-        short = ~measured & (before >= 0) & (after < n) & (gap <= widest)
-        step = np.abs(
-            np.take_along_axis(z, np.clip(after, 0, n - 1), axis)
-            - np.take_along_axis(z, np.clip(before, 0, n - 1), axis)
-        )
-        better = short & (gap < shortest)
-        asymmetry[better] = step[better] / (gap[better] * pitch)
-        shortest[better] = gap[better]
-        hidden |= short
+    shortest = np.full(z.shape, widest + 1, dtype=np.int32)
+    given = z, widest, pitch, hidden, asymmetry, shortest
+    in_slabs(z.shape[1], lambda first, last: _hidden_along_columns(*given, first, last))
+    in_slabs(z.shape[0], lambda first, last: _hidden_along_rows(*given, first, last))
     return hidden, asymmetry
+
+
+@njit(cache=True, nogil=True)
+def _hidden_along_columns(  # type: ignore[no-untyped-def]  # numba infers the types from the arrays
+    z, widest, pitch, hidden, asymmetry, shortest, first, last
+):
+    seen = np.full(last - first, -1)
+    for i in range(z.shape[0]):
+        for j in range(first, last):
+            if not np.isfinite(z[i, j]):
+                continue
+            before, gap = seen[j - first], i - seen[j - first] - 1
+            seen[j - first] = i
+            if before < 0 or gap < 1 or gap > widest:
+                continue
+            for k in range(before + 1, i):
+                hidden[k, j] = True
+                if gap < shortest[k, j]:
+                    asymmetry[k, j] = abs(z[i, j] - z[before, j]) / (gap * pitch)
+                    shortest[k, j] = gap
+
+
+@njit(cache=True, nogil=True)
+def _hidden_along_rows(  # type: ignore[no-untyped-def]  # as above
+    z, widest, pitch, hidden, asymmetry, shortest, first, last
+):
+    for i in range(first, last):
+        before = -1
+        for j in range(z.shape[1]):
+            if not np.isfinite(z[i, j]):
+                continue
+            gap = j - before - 1
+            if before >= 0 and 1 <= gap <= widest:
+                for k in range(before + 1, j):
+                    hidden[i, k] = True
+                    if gap < shortest[i, k]:
+                        asymmetry[i, k] = abs(z[i, j] - z[i, before]) / (gap * pitch)
+            before = j

@@ -7,7 +7,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from .distance import inner_distance
-from .smoothing import MAD_TO_SIGMA
+from .ranks import MAD_TO_SIGMA
 from .values import Measurement
 
 __all__ = [

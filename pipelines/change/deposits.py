@@ -8,9 +8,11 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from .smoothing import local_mean, robust_sigma
+from .covariance import ErrorCovariance, error_covariance
+from .ranks import robust_sigma
+from .smoothing import local_mean
 from .values import Change, Measurement
-from .volume import error_covariance, sum_sigma
+from .volume import sum_sigma
 
 __all__ = ["Deposit", "find_deposits"]
 
@@ -143,7 +145,7 @@ def _measure(
     where: npt.NDArray[np.bool_],
     labels: npt.NDArray[np.int32],
     number: int,
-    covariance: npt.NDArray[np.float64] | None,
+    covariance: ErrorCovariance | None,
     pitch: float,
     spread: float,
 ) -> Deposit | None:

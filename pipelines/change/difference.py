@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from ..scan import Scan
+from ..slabs import in_slabs
 from .motion import Motion
 from .noise_model import NoiseModel, local_slope
 from .values import Change
@@ -13,6 +15,18 @@ __all__ = ["Z_95", "difference"]
 
 Z_95 = 1.959963984540054
 """Two-sided 95 % point of the normal distribution."""
+
+
+@njit(cache=True, nogil=True)
+def _subtracted(  # type: ignore[no-untyped-def]  # numba infers the types from the arrays
+    now, then, sigma_now, sigma_then, z, shared, dz, lod, first, last
+):
+    for i in range(first, last):
+        for j in range(now.shape[1]):
+            change = now[i, j] - then[i, j]
+            spread = np.sqrt(sigma_now[i, j] ** 2 + sigma_then[i, j] ** 2)
+            dz[i, j] = change
+            lod[i, j] = z * (spread + shared) if abs(change) < np.inf else np.float32(np.nan)
 
 
 def difference(moved: Scan, baseline: Scan, motion: Motion, noise: NoiseModel | None = None) -> Change:
@@ -45,13 +59,13 @@ def difference(moved: Scan, baseline: Scan, motion: Motion, noise: NoiseModel | 
     """
     if moved.grid != baseline.grid:
         raise ValueError(f"scans lie on different grids: {moved.grid} and {baseline.grid}")
-    dz = moved.height - baseline.height
-    spread = np.sqrt(moved.sigma.astype(np.float32) ** 2 + baseline.sigma**2)
     shared = motion.sigma_z_mm if np.isfinite(motion.sigma_z_mm) else 0.0
-    if noise is None:
-        lod = np.float32(Z_95) * (spread + np.float32(shared))
-    else:
+    dz, lod = np.empty((2, *moved.height.shape), dtype=np.float32)
+    given = moved.height, baseline.height, moved.sigma, baseline.sigma, np.float32(Z_95), np.float32(shared), dz, lod
+    in_slabs(len(dz), lambda first, last: _subtracted(*given, first, last), least=256)
+    if noise is not None:
+        spread = np.sqrt(moved.sigma**2 + baseline.sigma**2)
         known = noise.sd(spread, local_slope(baseline.height, baseline.grid.pitch_mm))
         lod = np.float32(Z_95) * np.hypot(known, np.float32(np.sqrt(max(0.0, shared**2 - noise.sigma_z_mm**2))))
-    lod[~np.isfinite(dz)] = np.nan
+        lod[~np.isfinite(dz)] = np.nan
     return Change(baseline.grid, baseline.time, dz, lod, motion)

@@ -2,26 +2,41 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
-from scipy import ndimage
 
 from ..scan import Scan
 from ..slabs import in_slabs, side_by_side
-from .smoothing import robust_sigma
+from .bands import FINE_CELLS, band_passed
+from .ranks import robust_sigma
 
-__all__ = ["Drift", "lateral_drift"]
+__all__ = [
+    "SAMPLED",
+    "SIMILAR",
+    "Drift",
+    "Fit",
+    "Pattern",
+    "bands_of_baseline",
+    "lateral_drift",
+    "pattern_of",
+    "refined",
+    "residuals_at",
+]
 
-FINE_CELLS = 1.0
-"""Sigma of the Gaussian that takes out the finest noise, cells: bilinear resampling then hardly blurs."""
-COARSE_CELLS = 8.0
-"""Sigma of the Gaussian whose result is subtracted: settlement, tilt and lighting are gone after it."""
+Floats = npt.NDArray[np.float32]
+
 ROUNDS = 40
 """Far starts creep, a part of a cell a round; near ones end after three or four."""
+NEAR = 0.1
+"""Steps below this, cells, that shrink by one factor from round to round begin a geometric series: its sum is gone at
+once, but no further than this."""
+STEADY = 0.2
+"""And do so if they differ by no more than this share from what the factor says."""
 SIMILAR = 1.5
 """Shares of cells explained within this factor do not tell two shifts apart."""
 SAMPLED = 20_000
@@ -41,11 +56,12 @@ class Drift:
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
 def _normal_equations(  # type: ignore[no-untyped-def]  # numba infers the types from the arrays
-    ref, gx, gy, mov, u, v, scale, step, residuals, first, last
+    ref, gx, gy, mov, at_row, u, v, scale, step, residuals, first, last
 ):
     """Tukey-weighted Gauss-Newton sums over a slab of one channel: xx, xy, yy, xr, yr; keeps the residuals.
 
-    A residual is mov(i + v, j + u) - ref(i, j), bilinear; NaN where anything is missing.
+    A residual is mov(i + v, j + u) - ref(i, j), bilinear; NaN where anything is missing. Row i of `ref` is row
+    `at_row[i]` of the map, its column j is column 1 + step j.
     """
     rows, columns = mov.shape
     a = int(np.floor(u))
@@ -57,7 +73,7 @@ def _normal_equations(  # type: ignore[no-untyped-def]  # numba infers the types
     left = min(ref.shape[1], max(0, -((1 + a) // step)))
     right = min(ref.shape[1], max(left, (columns - 3 - a) // step + 1))
     for i in range(first, last):
-        r = 1 + step * i + b
+        r = at_row[i] + b
         if r < 0 or r + 1 >= rows:
             residuals[i] = np.nan
             continue
@@ -97,36 +113,24 @@ def _some(residuals, every, sample):  # type: ignore[no-untyped-def]  # as above
     return count, kept
 
 
-def _bands(scan: Scan) -> list[npt.NDArray[np.float32]]:
+def _bands(scan: Scan) -> list[Floats]:
     """Band-passed height and texture, each scaled to a robust spread of 1; NaN where not measured."""
-    good = np.isfinite(scan.height)
-    weight = good.astype(np.float32)
-    shares = [np.maximum(_smooth(weight, sigma), np.float32(1e-3)) for sigma in (FINE_CELLS, COARSE_CELLS)]
-    return [_band(values, good, *shares) for values in (scan.height, scan.texture)]
+    bands = []
+    for band in band_passed(scan):
+        spread = robust_sigma(band)
+        # a channel without contrast says nothing about x or y
+        bands.append(band * np.float32(1 / spread) if spread > 0 else np.full_like(band, np.nan))
+    return bands
 
 
-def _smooth(values: npt.NDArray[np.float32], sigma: float) -> npt.NDArray[np.float32]:
-    return ndimage.gaussian_filter(values, sigma, truncate=3.0)  # type: ignore[no-any-return]  # scipy ships no types
+@lru_cache(maxsize=1)
+def bands_of_baseline(baseline: Scan) -> list[Floats]:
+    """Band-passed height and texture of a baseline, each scaled to a robust spread of 1."""
+    # kept: the same baseline comes back with every scan of an epoch
+    return _bands(baseline)
 
 
-def _band(
-    values: npt.NDArray[np.floating] | npt.NDArray[np.uint8],
-    good: npt.NDArray[np.bool_],
-    fine: npt.NDArray[np.float32],
-    coarse: npt.NDArray[np.float32],
-) -> npt.NDArray[np.float32]:
-    """One channel less its wide mean, both smoothed over the measured cells alone: `fine`, `coarse` are their share."""
-    filled = np.where(good, values, 0).astype(np.float32)
-    band: npt.NDArray[np.float32] = _smooth(filled, FINE_CELLS) / fine - _smooth(filled, COARSE_CELLS) / coarse
-    band[~good] = np.nan
-    spread = robust_sigma(band)
-    if not spread > 0:
-        return np.full_like(band, np.nan)  # a channel without contrast says nothing about x or y
-    scaled: npt.NDArray[np.float32] = band / np.float32(spread)
-    return scaled
-
-
-def _whole_cells(first: npt.NDArray[np.float32], second: npt.NDArray[np.float32], reach: int) -> tuple[int, int]:
+def _whole_cells(first: Floats, second: Floats, reach: int) -> tuple[int, int]:
     """Whole-cell (dx, dy) of the highest peak of the normalised cross-correlation within `reach` cells."""
     from scipy import fft
 
@@ -163,7 +167,7 @@ def lateral_drift(scan: Scan, baseline: Scan, use: npt.NDArray[np.bool_], reach_
     """
     grid = baseline.grid
     reach = max(2, round((reach_mm / grid.pitch_mm) if reach_mm else min(grid.shape) / 10))
-    bands = side_by_side(lambda: _bands(baseline), lambda: _bands(scan))
+    bands = side_by_side(lambda: bands_of_baseline(baseline), lambda: _bands(scan))
     channels = [pair for pair in zip(*bands, strict=True) if all(np.isfinite(band).any() for band in pair)]
     nothing = Drift(float("nan"), float("nan"), float("nan"), 0.0)
     if not channels or not use.any():
@@ -173,8 +177,8 @@ def lateral_drift(scan: Scan, baseline: Scan, use: npt.NDArray[np.bool_], reach_
     count_used = int(use.sum())
     step = 1 if count_used < 300_000 else 2
     every = max(1, count_used // step**2 // SAMPLED)
-    patterns = [_pattern(ref, mov, use, step) for ref, mov in channels]
-    fits = [_refine(patterns, every, start) for start in sorted(starts)]
+    patterns = [pattern_of(ref, mov, use, step) for ref, mov in channels]
+    fits = [refined(patterns, every, start) for start in sorted(starts)]
     found = [one for one in fits if one is not None and max(abs(one.u), abs(one.v)) <= 1.5 * reach]
     if not found:
         return nothing
@@ -190,7 +194,7 @@ def lateral_drift(scan: Scan, baseline: Scan, use: npt.NDArray[np.bool_], reach_
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Fit:
+class Fit:
     """One shift in cells, and its residuals, a sample of each channel."""
 
     u: float
@@ -200,7 +204,7 @@ class _Fit:
     residuals: tuple[npt.NDArray[np.float64], ...]
 
 
-def _support(found: list[_Fit]) -> npt.NDArray[np.float64]:
+def _support(found: list[Fit]) -> npt.NDArray[np.float64]:
     """Share of cells that each shift explains, by one bound for all: 3 spreads of the shift that fits best."""
     support = np.zeros(len(found))
     for channel in zip(*(one.residuals for one in found), strict=True):
@@ -215,49 +219,74 @@ def _spread(residuals: npt.NDArray[np.float64]) -> float:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Pattern:
-    """One channel of the baseline, its slopes along x and y, on every `step`-th cell; and the channel it moved to."""
+class Pattern:
+    """One channel of some rows of a map and every `step`-th column, with its slopes; and where it is sought."""
 
-    ref: npt.NDArray[np.float32]
-    gx: npt.NDArray[np.float32]
-    gy: npt.NDArray[np.float32]
-    mov: npt.NDArray[np.float32]
+    ref: Floats
+    gx: Floats
+    gy: Floats
+    mov: Floats
+    rows: npt.NDArray[np.intp]
     step: int
 
 
-def _pattern(
-    ref: npt.NDArray[np.float32], mov: npt.NDArray[np.float32], use: npt.NDArray[np.bool_], step: int
-) -> _Pattern:
+def pattern_of(ref: Floats, mov: Floats, use: npt.NDArray[np.bool_], step: int, top: int = 0) -> Pattern:
+    """Every `step`-th cell within a stretch of rows of a map that begins at row `top`; `mov` is a whole map."""
     half = np.float32(0.5)
     inner = slice(1, -1, step)
     gx = half * (ref[inner, 2::step] - ref[inner, :-2:step])
     gy = half * (ref[2::step, inner] - ref[:-2:step, inner])
     held = use[inner, inner] & np.isfinite(gx) & np.isfinite(gy)
-    return _Pattern(
-        np.where(held, ref[inner, inner], np.float32(np.nan)), np.where(held, gx, 0), np.where(held, gy, 0), mov, step
+    return Pattern(
+        np.where(held, ref[inner, inner], np.float32(np.nan)),
+        np.where(held, gx, 0),
+        np.where(held, gy, 0),
+        mov,
+        top + 1 + step * np.arange(len(gx)),
+        step,
     )
 
 
-def _sums(
-    one: _Pattern, u: float, v: float, scale: float, residuals: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
+def residuals_at(one: Pattern, every: int, u: float, v: float) -> npt.NDArray[np.float64]:
+    """A sample of one channel's residuals at a shift."""
+    residuals, sample = np.empty_like(one.ref), np.empty(SAMPLED)
+    _sums(one, u, v, 1.0, residuals)
+    return sample[: _some(residuals, every, sample)[1]]
+
+
+def _sums(one: Pattern, u: float, v: float, scale: float, residuals: Floats) -> npt.NDArray[np.float64]:
     """`_normal_equations` over all rows."""
     slabs = in_slabs(
         one.ref.shape[0],
         lambda first, last: _normal_equations(
-            one.ref, one.gx, one.gy, one.mov, u, v, scale, one.step, residuals, first, last
+            one.ref, one.gx, one.gy, one.mov, one.rows, u, v, scale, one.step, residuals, first, last
         ),
     )
     return np.sum(slabs, axis=0)  # type: ignore[no-any-return]  # numba is untyped
 
 
-def _refine(channels: list[_Pattern], every: int, start: tuple[int, int]) -> _Fit | None:
+def _series(before: npt.NDArray[np.float64] | None, move: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Go at once where steps lead that shrink by one factor (Aitken); the step itself where they do not.
+
+    Weights that follow the residuals make the steps shrink slowly where much of the surface changed: by 0.92 a round
+    on a soil whose plates curl.
+    """
+    if before is None or not before.any() or np.hypot(*move) > NEAR:
+        return move
+    factor = float(move @ before) / float(before @ before)
+    if not 0 < factor < 1 or np.hypot(*(move - factor * before)) > STEADY * np.hypot(*move):
+        return move
+    return move * min(1 / (1 - factor), max(1.0, NEAR / float(np.hypot(*move))))
+
+
+def refined(channels: Sequence[Pattern], every: int, start: tuple[float, float]) -> Fit | None:
     """Gauss-Newton from one start; None where it cannot be done."""
     u, v = float(start[0]), float(start[1])
     samples = [np.empty(SAMPLED) for _ in channels]
-    residuals_of = [np.empty(one.ref.shape) for one in channels]
+    residuals_of = [np.empty_like(one.ref) for one in channels]
     step = channels[0].step
     scales = [1.0 for _ in channels]
+    before: npt.NDArray[np.float64] | None = None
     for turn in range(ROUNDS):
         total, right = np.zeros((2, 2)), np.zeros(2)
         residuals = []
@@ -272,14 +301,18 @@ def _refine(channels: list[_Pattern], every: int, start: tuple[int, int]) -> _Fi
             scales[index] = _spread(residuals[-1])
         if not np.isfinite(total).all() or np.linalg.det(total) <= 0:
             return None
-        move = np.linalg.solve(total, right)
-        move *= min(1.0, 1.0 / max(1e-12, float(np.hypot(*move))))  # at most one cell a round
-        u, v = u - float(move[0]), v - float(move[1])
-        if np.hypot(*move) < 1e-4 and turn > 2:
+        move = np.asarray(np.linalg.solve(total, right), dtype=np.float64)
+        ahead = _series(before, move)
+        leaps = ahead is not move
+        before = None if leaps else move  # after a leap the next step tells nothing of the series
+        length = float(np.hypot(*ahead))
+        most = min(1.0, 1.0 / max(1e-12, length))  # at most one cell a round
+        u, v = u - most * float(ahead[0]), v - most * float(ahead[1])
+        if turn > 2 and length < (1e-4 if leaps else 1e-5):
             break
     singular = np.linalg.svd(total, compute_uv=False)
     # residuals share their errors over the smoothing's footprint (4 pi sigma^2 cells), so they count that much less;
     # 0.01 cell is what bilinear resampling leaves
     shared = max(1.0, 4 * np.pi * FINE_CELLS**2 / step**2)
     sigma = float(np.sqrt(shared / singular[-1] + 0.01**2))
-    return _Fit(u, v, sigma, float(singular[-1] / singular[0]), tuple(r.copy() for r in residuals))
+    return Fit(u, v, sigma, float(singular[-1] / singular[0]), tuple(r.copy() for r in residuals))

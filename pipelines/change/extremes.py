@@ -1,4 +1,4 @@
-"""Greatest and least value of a square window, in time that does not grow with the window."""
+"""Greatest and least value of a square window, in time that grows with the logarithm of its side."""
 
 from __future__ import annotations
 
@@ -12,51 +12,56 @@ __all__ = ["greatest", "least"]
 
 Floats = npt.NDArray[np.float32]
 
+# The greatest of 2, 4, 8, ... values in a row, each from two of the step before, then of the window from two that
+# overlap: loops that go the same way over whole lines, as wide registers like them.
+LINES = 64
+"""Columns of a map that are worked on at once: with a window's rows they fit the processor's cache."""
+
 
 @njit(cache=True, nogil=True)
 def _along_rows(values, reach, out, first, last):  # type: ignore[no-untyped-def]  # numba infers the types
-    """Running maximum of each row of a slab (van Herk 1992, Gil and Werman 1993): two maxima a cell."""
     columns = values.shape[1]
     window = 2 * reach + 1
-    size = columns + 2 * reach
-    ahead = np.full(size, -np.inf, np.float32)
-    back = np.full(size, -np.inf, np.float32)
+    line, other = np.empty(columns + 2 * reach, np.float32), np.empty(columns + 2 * reach, np.float32)
     for i in range(first, last):
+        line[:reach] = -np.inf
+        line[reach : reach + columns] = values[i]
+        line[reach + columns :] = -np.inf
+        side, size = 1, line.size
+        while 2 * side <= window:
+            size -= side
+            ahead = line[side:]
+            for k in range(size):
+                other[k] = line[k] if line[k] > ahead[k] else ahead[k]
+            line, other = other, line
+            side *= 2
+        ahead, to = line[window - side :], out[i]
         for j in range(columns):
-            ahead[reach + j] = back[reach + j] = values[i, j]
-        ahead[reach + columns :] = -np.inf
-        back[:reach] = -np.inf
-        for k in range(1, size):
-            if k % window != 0 and ahead[k - 1] > ahead[k]:
-                ahead[k] = ahead[k - 1]
-        for k in range(size - 2, -1, -1):
-            if (k + 1) % window != 0 and back[k + 1] > back[k]:
-                back[k] = back[k + 1]
-        for j in range(columns):
-            out[i, j] = max(back[j], ahead[j + 2 * reach])
+            to[j] = line[j] if line[j] > ahead[j] else ahead[j]
 
 
 @njit(cache=True, nogil=True)
 def _along_columns(values, reach, out, first, last):  # type: ignore[no-untyped-def]  # as above
-    """The same along columns, a slab of columns at once."""
     rows = values.shape[0]
     window = 2 * reach + 1
-    size = rows + 2 * reach
-    ahead = np.full((size, last - first), -np.inf, np.float32)
-    back = np.full((size, last - first), -np.inf, np.float32)
-    ahead[reach : reach + rows] = values[:, first:last]
-    back[reach : reach + rows] = values[:, first:last]
-    for k in range(1, size):
-        if k % window != 0:
-            for j in range(last - first):
-                ahead[k, j] = max(ahead[k - 1, j], ahead[k, j])
-    for k in range(size - 2, -1, -1):
-        if (k + 1) % window != 0:
-            for j in range(last - first):
-                back[k, j] = max(back[k + 1, j], back[k, j])
-    for i in range(rows):
-        for j in range(last - first):
-            out[i, first + j] = max(back[i, j], ahead[i + 2 * reach, j])
+    lines = np.empty((rows + 2 * reach, LINES), np.float32)
+    for left in range(first, last, LINES):
+        wide = min(LINES, last - left)
+        lines[:reach] = -np.inf
+        lines[reach + rows :] = -np.inf
+        lines[reach : reach + rows, :wide] = values[:, left : left + wide]
+        side, size = 1, rows + 2 * reach
+        while 2 * side <= window:
+            size -= side
+            for k in range(size):
+                line, ahead = lines[k], lines[k + side]
+                for j in range(LINES):
+                    line[j] = line[j] if line[j] > ahead[j] else ahead[j]
+            side *= 2
+        for i in range(rows):
+            line, ahead, to = lines[i], lines[i + window - side], out[i, left : left + wide]
+            for j in range(wide):
+                to[j] = line[j] if line[j] > ahead[j] else ahead[j]
 
 
 def greatest(values: Floats, cells: int) -> Floats:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from ..grid import Grid
@@ -14,90 +13,121 @@ from .motion import Motion
 __all__ = ["apply_motion"]
 
 
+ROUNDS = 4
+"""Most rounds in which the height of a cell is sought; two do but at walls."""
+
+# A row is worked out in loops of one kind each, places, then heights there, then their mean, so that the compiler can
+# use the processor's wide registers: eight times as fast as cell by cell.
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _places(z, shape, along_u, along_v, u, v, at, right, down, inside):  # type: ignore[no-untyped-def]
+    """Where in the scan (column u, row v, cells) the heights z of a row's cells lie, and the four cells around."""
+    start_u, step_u, lean_u = along_u
+    start_v, step_v, lean_v = along_v
+    last, bottom = shape[1] - 1.0, shape[0] - 1.0
+    wide = np.int32(shape[1])
+    for j in range(z.size):
+        x = start_u + step_u * j + lean_u * z[j]
+        y = start_v + step_v * j + lean_v * z[j]
+        # a shift that is a whole cell but for rounding must not ask for a neighbour it does not need
+        whole_x, whole_y = np.floor(x + 0.5), np.floor(y + 0.5)
+        x = whole_x if abs(x - whole_x) < 1e-6 else x
+        y = whole_y if abs(y - whole_y) < 1e-6 else y
+        inside[j] = (x >= 0.0) & (y >= 0.0) & (x <= last) & (y <= bottom)
+        x = x if inside[j] else 0.0
+        y = y if inside[j] else 0.0
+        u[j], v[j] = x, y
+        at[j] = np.int32(np.floor(y)) * wide + np.int32(np.floor(x))
+        right[j] = np.int32(1) if x < last else np.int32(0)
+        down[j] = wide if y < bottom else np.int32(0)
+
+
 @njit(cache=True, nogil=True)
-def _resample(  # type: ignore[no-untyped-def]  # numba infers the types from the arrays
-    height, sigma, texture, level, inverse, matrix, place, out_height, out_sigma, out_texture, out_level, first, last
+def _around(values, at, right, down, four):  # type: ignore[no-untyped-def]  # numba infers the types from the arrays
+    one, two, three, last = four[0], four[1], four[2], four[3]
+    for j in range(at.size):
+        k, r, d = np.uint32(at[j]), np.uint32(right[j]), np.uint32(down[j])
+        one[j], two[j], three[j], last[j] = values[k], values[k + r], values[k + d], values[k + d + r]
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _weights(u, v, h00, h01, h10, h11):  # type: ignore[no-untyped-def]  # as above
+    """Bilinear weights of the measured ones of four cells, and whether the nearest is one.
+
+    The nearest cell decides whether a place was measured: what is missing neither grows nor shrinks.
+    """
+    fu, fv = u - np.floor(u), v - np.floor(v)
+    g00, g01, g10, g11 = abs(h00) < np.inf, abs(h01) < np.inf, abs(h10) < np.inf, abs(h11) < np.inf
+    w00 = (1 - fv) * (1 - fu) if g00 else 0.0
+    w01 = (1 - fv) * fu if g01 else 0.0
+    w10 = fv * (1 - fu) if g10 else 0.0
+    w11 = fv * fu if g11 else 0.0
+    up = g00 if fu < 0.5 else g01
+    low = g10 if fu < 0.5 else g11
+    near = up if fv < 0.5 else low
+    one = 1 / (w00 + w01 + w10 + w11)
+    return w00 * one, w01 * one, w10 * one, w11 * one, near
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _heights(z, u, v, inside, four, lean, far):  # type: ignore[no-untyped-def]  # as above
+    """Heights of a row's cells from the four around each, in place; gives how many moved by more than `far`."""
+    lean_u, lean_v, lift, rise = lean
+    one, two, three, last = four[0], four[1], four[2], four[3]
+    none = np.float32(0)
+    moving = 0
+    for j in range(z.size):
+        h00, h01, h10, h11 = one[j], two[j], three[j], last[j]
+        w00, w01, w10, w11, near = _weights(u[j], v[j], h00, h01, h10, h11)
+        h = w00 * (h00 if w00 > 0 else none) + w01 * (h01 if w01 > 0 else none)
+        h += w10 * (h10 if w10 > 0 else none) + w11 * (h11 if w11 > 0 else none)
+        now = lean_u * u[j] + lean_v * v[j] + lift * h + rise
+        now = now if inside[j] & near else z[j]
+        moving += 1 if abs(now - z[j]) > far else 0
+        z[j] = now
+    return moving
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _resample(  # type: ignore[no-untyped-def]  # as above
+    height, sigma, texture, level, shape, ahead, back, far, out_height, out_sigma, out_texture, out_level, first, last
 ):
-    x0, y0, pitch, new_x0, new_y0, new_pitch = place
-    rows, columns = height.shape
-    tilt = abs(inverse[0, 2]) + abs(inverse[1, 2])
+    columns = out_height.shape[1]
+    z, u, v = np.empty(columns), np.empty(columns), np.empty(columns)
+    at, right, down = np.empty(columns, np.int32), np.empty(columns, np.int32), np.empty(columns, np.int32)
+    inside = np.empty(columns, np.bool_)
+    four, doubt = np.empty((4, columns), np.float32), np.empty((4, columns), np.float32)
     for i in range(first, last):
-        y = new_y0 + i * new_pitch
-        for j in range(out_height.shape[1]):
-            x = new_x0 + j * new_pitch
-            z = matrix[2, 3]
-            found = False
-            s = 0.0
-            for _ in range(3):
-                # where in the scan the point (x, y, z) of the baseline's frame lies; the small tilt makes it
-                # depend on z, which is what we look for: each round cuts the error by the sine of the tilt
-                px = inverse[0, 0] * x + inverse[0, 1] * y + inverse[0, 2] * z + inverse[0, 3]
-                py = inverse[1, 0] * x + inverse[1, 1] * y + inverse[1, 2] * z + inverse[1, 3]
-                u = (px - x0) / pitch
-                v = (py - y0) / pitch
-                # a shift that is a whole cell but for rounding must not ask for a neighbour it does not need
-                if abs(u - round(u)) < 1e-6:
-                    u = float(round(u))
-                if abs(v - round(v)) < 1e-6:
-                    v = float(round(v))
-                a = int(np.floor(u))
-                b = int(np.floor(v))
-                fu = u - a
-                fv = v - b
-                found = False
-                if a < 0 or b < 0 or a >= columns or b >= rows:
-                    break
-                a1 = a + 1 if fu > 0 else a
-                b1 = b + 1 if fv > 0 else b
-                if a1 >= columns or b1 >= rows:
-                    break
-                w00 = (1 - fv) * (1 - fu)
-                w01 = (1 - fv) * fu
-                w10 = fv * (1 - fu)
-                w11 = fv * fu
-                # the nearest cell decides whether this one was measured: neither grows nor shrinks what is missing
-                if not np.isfinite(height[b if fv < 0.5 else b1, a if fu < 0.5 else a1]):
-                    break
-                found = True
-                if not np.isfinite(height[b, a]):
-                    w00 = 0.0
-                if not np.isfinite(height[b, a1]):
-                    w01 = 0.0
-                if not np.isfinite(height[b1, a]):
-                    w10 = 0.0
-                if not np.isfinite(height[b1, a1]):
-                    w11 = 0.0
-                total = w00 + w01 + w10 + w11
-                w00 /= total
-                w01 /= total
-                w10 /= total
-                w11 /= total
-                h = 0.0
-                s = 0.0
-                if w00 > 0:
-                    h += w00 * height[b, a]
-                    s += w00 * sigma[b, a]
-                if w01 > 0:
-                    h += w01 * height[b, a1]
-                    s += w01 * sigma[b, a1]
-                if w10 > 0:
-                    h += w10 * height[b1, a]
-                    s += w10 * sigma[b1, a]
-                if w11 > 0:
-                    h += w11 * height[b1, a1]
-                    s += w11 * sigma[b1, a1]
-                before = z
-                z = matrix[2, 0] * px + matrix[2, 1] * py + matrix[2, 2] * h + matrix[2, 3]
-                if abs(z - before) * tilt < 1e-4 * pitch:
-                    break
-            if not found:
+        # the small tilt makes the place depend on the height, which is what we look for: each round cuts the error by
+        # the sine of the tilt
+        z[:] = ahead[3]
+        along_u = back[0, 0] + back[0, 1] * i, back[0, 2], back[0, 3]
+        along_v = back[1, 0] + back[1, 1] * i, back[1, 2], back[1, 3]
+        for _ in range(ROUNDS):
+            _places(z, shape, along_u, along_v, u, v, at, right, down, inside)
+            _around(height, at, right, down, four)
+            if _heights(z, u, v, inside, four, ahead, far) == 0:
+                break
+        _around(sigma, at, right, down, doubt)
+        for j in range(columns):
+            w00, w01, w10, w11, near = _weights(u[j], v[j], four[0, j], four[1, j], four[2, j], four[3, j])
+            if not (inside[j] and near):
+                out_height[i, j] = out_sigma[i, j] = np.nan
+                out_texture[i, j] = 0
+                out_level[i, j] = LEVEL_NONE
                 continue
-            out_height[i, j] = z
+            out_height[i, j] = z[j]
             # sigma is carried, not averaged down: neighbouring cells share most of their error
+            s = (w00 * doubt[0, j] if w00 > 0 else 0.0) + (w01 * doubt[1, j] if w01 > 0 else 0.0)
+            s += (w10 * doubt[2, j] if w10 > 0 else 0.0) + (w11 * doubt[3, j] if w11 > 0 else 0.0)
             out_sigma[i, j] = s
-            t = w00 * texture[b, a] + w01 * texture[b, a1] + w10 * texture[b1, a] + w11 * texture[b1, a1]
+            k, r, d = np.uint32(at[j]), np.uint32(right[j]), np.uint32(down[j])
+            t = w00 * texture[k] + w01 * texture[k + r] + w10 * texture[k + d] + w11 * texture[k + d + r]
             out_texture[i, j] = np.uint8(t + 0.5)
-            out_level[i, j] = level[b if fv < 0.5 else b1, a if fu < 0.5 else a1]
+            aside = r if u[j] - np.floor(u[j]) >= 0.5 else np.uint32(0)
+            below = d if v[j] - np.floor(v[j]) >= 0.5 else np.uint32(0)
+            out_level[i, j] = level[k + aside + below]
 
 
 def apply_motion(scan: Scan, motion: Motion, grid: Grid | None = None) -> Scan:
@@ -121,14 +151,20 @@ def apply_motion(scan: Scan, motion: Motion, grid: Grid | None = None) -> Scan:
     grid = scan.grid if grid is None else grid
     if grid == scan.grid and np.array_equal(motion.matrix, np.eye(4)):
         return scan
-    height = np.full(grid.shape, np.nan, dtype=np.float32)
-    sigma = np.full(grid.shape, np.nan, dtype=np.float32)
-    texture = np.zeros(grid.shape, dtype=np.uint8)
-    level = np.full(grid.shape, LEVEL_NONE, dtype=np.uint8)
-    source = scan.grid
-    place: npt.NDArray[np.float64] = np.array(
-        [source.x0_mm, source.y0_mm, source.pitch_mm, grid.x0_mm, grid.y0_mm, grid.pitch_mm]
-    )
-    given = scan.height, scan.sigma, scan.texture, scan.level, np.linalg.inv(motion.matrix), motion.matrix, place
-    in_slabs(grid.rows, lambda first, last: _resample(*given, height, sigma, texture, level, first, last))
+    height, sigma = np.empty((2, *grid.shape), dtype=np.float32)
+    texture, level = np.empty((2, *grid.shape), dtype=np.uint8)
+    inverse, source = np.linalg.inv(motion.matrix), scan.grid
+    start = inverse[:2, 0] * grid.x0_mm + inverse[:2, 1] * grid.y0_mm + inverse[:2, 3]
+    origin = np.array([source.x0_mm, source.y0_mm])
+    # place in the scan, cells: start, and what a row, a column and a mm of height add
+    back = np.stack([start - origin, inverse[:2, 1] * grid.pitch_mm, inverse[:2, 0] * grid.pitch_mm, inverse[:2, 2]])
+    back = np.ascontiguousarray(back.T) / source.pitch_mm
+    # height on the grid: what a column, a row and a mm of height in the scan add, and start
+    lean_x, lean_y, lift, rise = (float(each) for each in motion.matrix[2])
+    ahead = lean_x * source.pitch_mm, lean_y * source.pitch_mm, lift, rise + float(motion.matrix[2, :2] @ origin)
+    tilt = float(np.abs(inverse[:2, 2]).sum())
+    far = 1e-4 * source.pitch_mm / tilt if tilt > 0 else np.inf
+    flat = (np.ascontiguousarray(values).reshape(-1) for values in (scan.height, scan.sigma, scan.texture, scan.level))
+    given = *flat, source.shape, ahead, back, far, height, sigma, texture, level
+    in_slabs(grid.rows, lambda first, last: _resample(*given, first, last))
     return Scan(grid, scan.time, height, sigma, texture, level, scan.calibration_id)

@@ -7,11 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 from scipy import ndimage
 
 from ..grid import Grid
 from ..scan import Scan
+from ..slabs import in_slabs
+from .ranks import median
 from .smoothing import local_mean
+from .squares import grown, shrunk
 from .substrate import Substrate
 from .values import Measurement
 
@@ -133,14 +137,13 @@ def find_objects(
         raise ValueError(f"a scan of {scan.height.shape} cells, but the substrate has {substrate.level.shape}")
     rise = scan.height - substrate.level
     smooth = local_mean(rise, 3)
-    spread = np.hypot(scan.sigma, substrate.sigma)
-    typical = float(np.nanmedian(spread)) if np.isfinite(spread).any() else 0.0
+    typical = float(np.nan_to_num(median(np.sqrt(scan.sigma**2 + substrate.sigma**2))))
     # cells share errors: a mean over 3 x 3 is hardly better than one of them
     high = smooth > max(rule.noise * typical, 0.2 * rule.least_height_mm)
-    high = ndimage.binary_opening(high, structure=EIGHT)
-    high |= ndimage.binary_closing(high, structure=EIGHT, iterations=2) & ~np.isfinite(rise)
-    labels, count = ndimage.label(high, structure=EIGHT)
-    labels = labels.astype(np.int32)
+    high = grown(shrunk(high))
+    high |= shrunk(grown(high, 2), 2) & ~np.isfinite(rise)
+    labels = np.zeros(high.shape, dtype=np.int32)
+    count = ndimage.label(high, structure=EIGHT, output=labels)
     origin = _cut(labels, count, scan.grid, expected)
     found = [
         one
@@ -150,9 +153,8 @@ def find_objects(
     ]
     keep = np.zeros(int(labels.max(initial=0)) + 1, dtype=np.bool_)
     keep[[one.label for one in found]] = True
-    return np.where(keep[labels], labels, 0).astype(np.int32), tuple(
-        sorted(found, key=lambda one: -one.volume_mm3.value)
-    )
+    in_slabs(len(labels), lambda first, last: _dropped(labels, keep, first, last), least=256)
+    return labels, tuple(sorted(found, key=lambda one: -one.volume_mm3.value))
 
 
 def _cut(labels: npt.NDArray[np.int32], count: int, grid: Grid, expected: Sequence[Expected]) -> dict[int, int]:
@@ -192,6 +194,31 @@ def _mahalanobis(one: Expected, x: npt.NDArray[np.float64], y: npt.NDArray[np.fl
     return found
 
 
+@njit(cache=True, nogil=True)
+def _dropped(labels, keep, first, last):  # type: ignore[no-untyped-def]  # numba infers the types from the arrays
+    for i in range(first, last):
+        for j in range(labels.shape[1]):
+            if not keep[labels[i, j]]:
+                labels[i, j] = 0
+
+
+@njit(cache=True, nogil=True)
+def _moments(part):  # type: ignore[no-untyped-def]  # as above
+    """Middle row and column of the marked cells, and their variances and covariance: columns, both, rows."""
+    n = r = c = cc = rc = rr = 0
+    for i in range(part.shape[0]):
+        for j in range(part.shape[1]):
+            if part[i, j]:
+                n += 1
+                r += i
+                c += j
+                cc += j * j
+                rc += i * j
+                rr += i * i
+    row, column = r / n, c / n
+    return row, column, cc / n - column * column, rc / n - row * column, rr / n - row * row
+
+
 def _measured(
     labels: npt.NDArray[np.int32],
     number: int,
@@ -208,8 +235,8 @@ def _measured(
     # the rim that rises less than the noise is part of the volume: two cells more, where nothing else is
     wider = tuple(slice(max(0, s.start - 2), s.stop + 2) for s in box)
     mine = labels[wider] == number
-    rim = ndimage.binary_dilation(mine, structure=EIGHT, iterations=2) & (labels[wider] == 0)
-    area = float(part.sum()) * grid.cell_mm2
+    rim = grown(mine, 2) & (labels[wider] == 0)
+    area = float(np.count_nonzero(part)) * grid.cell_mm2
     tops = smooth[box][part]
     tops = tops[np.isfinite(tops)]
     if area < rule.least_area_mm2 or not tops.size or tops.max() < rule.least_height_mm:
@@ -223,7 +250,7 @@ def _measured(
         np.maximum(beside, 0).sum(dtype=np.float64) / 2
     )
     cells = own.size + beside.size
-    outline = float(part.sum() - ndimage.binary_erosion(part, structure=EIGHT).sum())
+    outline = float(np.count_nonzero(part) - np.count_nonzero(shrunk(part)))
     raster = outline * grid.cell_mm2 / np.sqrt(12)
     volume = Measurement(
         filled * grid.cell_mm2,
@@ -234,18 +261,17 @@ def _measured(
             )
         ),
     )
-    r, c = np.nonzero(part)
-    x = grid.x0_mm + (c + box[1].start) * grid.pitch_mm
-    y = grid.y0_mm + (r + box[0].start) * grid.pitch_mm
-    cell = grid.pitch_mm**2 / 12
-    xx, xy, yy = float(x.var()) + cell, float(((x - x.mean()) * (y - y.mean())).mean()), float(y.var()) + cell
+    row, column, *moments = _moments(part)
+    cell = grid.cell_mm2
+    xx, xy, yy = (each * cell for each in moments)
+    xx, yy = xx + cell / 12, yy + cell / 12
     half = np.hypot((xx - yy) / 2, xy)
     rows, columns = labels.shape
     top = scan.height[box][part]
     return StandingObject(
         label=number,
-        x_mm=float(x.mean()),
-        y_mm=float(y.mean()),
+        x_mm=grid.x0_mm + (column + box[1].start) * grid.pitch_mm,
+        y_mm=grid.y0_mm + (row + box[0].start) * grid.pitch_mm,
         z_mm=float(np.nanquantile(top, 0.99)),
         height_mm=height,
         area_mm2=Measurement(area, raster),

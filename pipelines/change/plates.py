@@ -10,7 +10,7 @@ from scipy import ndimage
 
 from .curl import EDGE_BAND_MM, INTERIOR_SHARE, LEAST_CELLS, LEAST_PLATE_MM2, SHARED_ERROR_CELLS, crack_distance
 from .plate_sums import band_sums
-from .smoothing import MAD_TO_SIGMA
+from .ranks import MAD_TO_SIGMA
 from .values import Change, Comparison, Measurement
 
 __all__ = ["CURVED_MM", "Plate", "find_plates", "rim_slope"]

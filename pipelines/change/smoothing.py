@@ -1,15 +1,51 @@
-"""Local means that ignore missing cells, and robust spreads."""
+"""Local means and medians that ignore missing cells."""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 from scipy import ndimage
 
-__all__ = ["MAD_TO_SIGMA", "local_mean", "local_median", "robust_sigma"]
+from ..slabs import in_slabs
 
-MAD_TO_SIGMA = 1.4826
-"""Standard deviation over median absolute deviation, for a normal distribution."""
+__all__ = ["local_mean", "local_median"]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _means(values, use, all_count, reach, out, first, last):  # type: ignore[no-untyped-def]  # numba infers the types
+    rows, columns = values.shape
+    total, count = np.zeros(columns + 2 * reach, np.float32), np.zeros(columns + 2 * reach, np.float32)
+    sums, counts = np.empty(columns, np.float32), np.empty(columns, np.float32)
+    least = np.float32(0.25) * np.float32(2 * reach + 1) ** 2
+    one, none = np.float32(1), np.float32(0)
+    for i in range(first, last):
+        inner_total, inner_count = total[reach : reach + columns], count[reach : reach + columns]
+        inner_total[:] = 0
+        inner_count[:] = 0
+        for r in range(max(0, i - reach), min(rows, i + reach + 1)):
+            row = values[r]
+            if all_count:
+                for j in range(columns):
+                    good = abs(row[j]) < np.inf
+                    inner_total[j] += row[j] if good else none
+                    inner_count[j] += one if good else none
+            else:
+                may = use[r]
+                for j in range(columns):
+                    good = may[j] & (abs(row[j]) < np.inf)
+                    inner_total[j] += row[j] if good else none
+                    inner_count[j] += one if good else none
+        sums[:] = 0
+        counts[:] = 0
+        for k in range(2 * reach + 1):
+            some_total, some_count = total[k:], count[k:]
+            for j in range(columns):
+                sums[j] += some_total[j]
+                counts[j] += some_count[j]
+        line = out[i]
+        for j in range(columns):
+            line[j] = sums[j] / counts[j] if counts[j] >= least else np.float32(np.nan)
 
 
 def local_mean(
@@ -30,11 +66,11 @@ def local_mean(
     ndarray of float32, shape (rows, columns)
         NaN where less than a quarter of the window is measured.
     """
-    good = np.isfinite(values) if use is None else np.isfinite(values) & use
-    weight = ndimage.uniform_filter(good.astype(np.float32), cells, mode="constant")
-    total = ndimage.uniform_filter(np.where(good, values, np.float32(0)), cells, mode="constant")
-    mean = np.full(values.shape, np.nan, dtype=np.float32)
-    np.divide(total, weight, out=mean, where=weight >= 0.25)
+    mean = np.empty(values.shape, dtype=np.float32)
+    may = np.zeros((1, 1), dtype=np.bool_) if use is None else use
+    in_slabs(
+        len(values), lambda first, last: _means(values, may, use is None, cells // 2, mean, first, last), least=256
+    )
     return mean
 
 
@@ -83,11 +119,3 @@ def _bilinear(
         return mixed
 
     return along(along(coarse, at_row).T, at_column).T
-
-
-def robust_sigma(values: npt.NDArray[np.floating]) -> float:
-    """1.4826 times the median absolute deviation from the median of the finite values; NaN if there is none."""
-    finite = values[np.isfinite(values)]
-    if finite.size == 0:
-        return float("nan")
-    return float(MAD_TO_SIGMA * np.median(np.abs(finite - np.median(finite))))

@@ -6,8 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
-from .smoothing import MAD_TO_SIGMA, robust_sigma
+from ..slabs import in_slabs
+from .ranks import MAD_TO_SIGMA, median, robust_sigma
 
 __all__ = ["Plane", "fit_plane", "largest_consensus", "mean_plane"]
 
@@ -133,6 +135,61 @@ def mean_plane(
     return replace(plane, level=plane.level + np.linalg.solve(normal, right))
 
 
+@njit(cache=True, nogil=True)
+def _at_rank(keys, count, rank):  # type: ignore[no-untyped-def]  # numba infers the types
+    """Key of a rank (from 0) among the first `count`: by halving, 32 counts in wide registers."""
+    low, high = np.int64(-(2**31)), np.int64(2**31 - 1)
+    while low < high:
+        middle = (low + high) >> 1
+        bound = np.int32(middle)
+        below = 0
+        for k in range(count):
+            below += keys[k] <= bound
+        if below > rank:
+            high = middle
+        else:
+            low = middle + 1
+    return np.int32(low)
+
+
+@njit(cache=True, nogil=True)
+def _ordered(bits):  # type: ignore[no-untyped-def]  # as above
+    """Bits of a float32 to a whole number in the order of the floats, and back."""
+    return np.int32(bits ^ ((bits >> np.int32(31)) & np.int32(0x7FFFFFFF)))
+
+
+@njit(cache=True, nogil=True)
+def _patches(dz, patch, medians, rest, first, last):  # type: ignore[no-untyped-def]  # as above
+    """Median of each patch of which half is known, and what is left of its cells without it; rows of patches."""
+    keys = np.empty(patch * patch, dtype=np.int32)
+    for r in range(first, last):
+        for c in range(medians.shape[1]):
+            count = 0
+            for i in range(r * patch, (r + 1) * patch):
+                for j in range(c * patch, (c + 1) * patch):
+                    if np.isfinite(dz[i, j]):
+                        keys[count] = _ordered(np.float32(dz[i, j]).view(np.int32))
+                        count += 1
+            if 2 * count < patch * patch:
+                continue
+            lower = np.int32(_ordered(_at_rank(keys, count, (count - 1) // 2))).view(np.float32)
+            upper = lower if count % 2 else np.int32(_ordered(_at_rank(keys, count, count // 2))).view(np.float32)
+            medians[r, c] = (lower + upper) / np.float32(2)
+            for i in range(r * patch, (r + 1) * patch):
+                for j in range(c * patch, (c + 1) * patch):
+                    rest[i, j] = dz[i, j] - medians[r, c]
+
+
+@njit(cache=True, nogil=True)
+def _agreeing(values, x, y, planes, bound, counts, first, last):  # type: ignore[no-untyped-def]  # as above
+    for k in range(first, last):
+        c, a, b = planes[k, 0], planes[k, 1], planes[k, 2]
+        count = 0
+        for p in range(values.size):
+            count += abs(values[p] - (c + a * x[p] + b * y[p])) < bound
+        counts[k] = count
+
+
 def largest_consensus(
     dz: npt.NDArray[np.float32], sigma: npt.NDArray[np.float32], patch: int = 12
 ) -> tuple[npt.NDArray[np.bool_], float]:
@@ -156,32 +213,30 @@ def largest_consensus(
     rows, columns = (n // patch for n in dz.shape)
     if rows * columns < 8:
         return np.isfinite(dz), 0.0
-    cut = (slice(0, rows * patch), slice(0, columns * patch))
-
-    def patches(values: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-        return values[cut].reshape(rows, patch, columns, patch).swapaxes(1, 2).reshape(rows * columns, -1)
-
-    cells = patches(dz)
-    full = np.isfinite(cells).mean(axis=1) >= 0.5
+    of_patch = np.full((rows, columns), np.nan, dtype=np.float32)
+    rest = np.full(dz.shape, np.nan, dtype=np.float32)
+    in_slabs(rows, lambda first, last: _patches(dz, patch, of_patch, rest, first, last), least=4)
+    full = np.isfinite(of_patch)
     if full.sum() < 8:
         return np.isfinite(dz), 0.0
-    medians = np.nanmedian(cells[full], axis=1).astype(np.float64)
-    sigmas = patches(sigma)[full]
-    noise = float(np.nanmedian(sigmas)) if np.isfinite(sigmas).any() else 0.0  # an imported map may say none
-    # patches of still ground differ by correlated noise, a good part of one cell's sigma, never less than its mean's
-    bound = 3 * max(0.3 * noise, robust_sigma(cells[full] - medians[:, None].astype(np.float32)) / patch, 1e-6)
+    noise = median(sigma, _cells_of(full, patch, dz.shape))
+    # patches of still ground differ by correlated noise, a good part of one cell's sigma (an imported map may say
+    # none), never less than its mean's
+    bound = 3 * max(0.3 * np.nan_to_num(noise), robust_sigma(rest) / patch, 1e-6)
     where = np.flatnonzero(full)
+    medians = of_patch.ravel()[where].astype(np.float64)
     y, x = (where // columns).astype(np.float64), (where % columns).astype(np.float64)
     design = np.stack([np.ones_like(x), x, y], axis=1)
     random = np.random.default_rng(0)  # a fixed seed: the same scans always give the same answer
+    three = np.array([random.choice(medians.size, 3, replace=False) for _ in range(TRIPLES)])
+    # three patches in a row say nothing about tilt
+    three = three[np.abs(np.linalg.det(design[three])) >= 0.05 * rows * columns / 4]
     best = np.zeros(medians.size, dtype=np.bool_)
-    for _ in range(TRIPLES):
-        three = random.choice(medians.size, 3, replace=False)
-        if abs(np.linalg.det(design[three])) < 0.05 * rows * columns / 4:
-            continue  # three patches in a row say nothing about tilt
-        agree = np.abs(medians - design @ np.linalg.solve(design[three], medians[three])) < bound
-        if agree.sum() > best.sum():
-            best = agree
+    if len(three):
+        planes = np.linalg.solve(design[three], medians[three][..., None])[..., 0]
+        counts = np.zeros(len(three), dtype=np.intp)
+        in_slabs(len(three), lambda *part: _agreeing(medians, x, y, planes, bound, counts, *part), least=32)
+        best = np.abs(medians - design @ planes[counts.argmax()]) < bound
     if best.sum() < 3:
         return np.isfinite(dz), 0.0
     for _ in range(3):
@@ -191,6 +246,12 @@ def largest_consensus(
             return np.isfinite(dz), 0.0
     stable = np.zeros((rows, columns), dtype=np.bool_)
     stable.ravel()[where[best]] = True
-    whole = np.zeros(dz.shape, dtype=np.bool_)
-    whole[cut] = np.kron(stable, np.ones((patch, patch), dtype=np.bool_))
-    return whole & np.isfinite(dz), float(best.sum() / full.sum())
+    return _cells_of(stable, patch, dz.shape) & np.isfinite(dz), float(best.sum() / full.sum())
+
+
+def _cells_of(patches: npt.NDArray[np.bool_], patch: int, shape: tuple[int, ...]) -> npt.NDArray[np.bool_]:
+    """Cells of the marked patches; those beyond the last whole patch are of none."""
+    whole = np.zeros(shape, dtype=np.bool_)
+    cells = patches.repeat(patch, axis=0).repeat(patch, axis=1)
+    whole[: cells.shape[0], : cells.shape[1]] = cells
+    return whole

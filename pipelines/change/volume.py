@@ -6,11 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
-from .covariance import covariance_of_sums, error_covariance
+from ..slabs import in_slabs
+from .blocks import block_side, block_sums
+from .covariance import ErrorCovariance, covariance_of_sums, error_covariance, longest_lag
 from .difference import Z_95
 from .noise_model import NoiseModel
-from .smoothing import MAD_TO_SIGMA, local_mean
+from .ranks import MAD_TO_SIGMA, median
+from .smoothing import local_mean
 from .values import Change, Measurement
 
 __all__ = ["Volumes", "error_covariance", "sum_sigma", "volume_sigma", "volumes", "wall_sigma"]
@@ -54,7 +58,7 @@ def volume_sigma(mask: npt.NDArray[np.bool_], covariance: npt.NDArray[np.float64
 def sum_sigma(
     use: npt.NDArray[np.bool_],
     lod: npt.NDArray[np.float32],
-    covariance: npt.NDArray[np.float64] | None,
+    covariance: ErrorCovariance | None,
     pitch_mm: float,
 ) -> float:
     """Standard uncertainty of a volume, mm3: from still ground, and never less than the scans' own sigmas allow.
@@ -64,7 +68,24 @@ def sum_sigma(
     """
     variance = float(((lod[use].astype(np.float64) / Z_95) ** 2).sum()) * SHARED_CELLS
     least = float(np.sqrt(variance)) * pitch_mm**2
-    return least if covariance is None else max(least, volume_sigma(use, covariance, pitch_mm))
+    return least if covariance is None else max(least, volume_sigma(use, covariance.by_lag, pitch_mm))
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
+def _jumps(dz, use, least, first, last):  # type: ignore[no-untyped-def]  # numba infers the types from the arrays
+    """Sum over the cells of a slab of how far dz jumps from the cell above and the cell before, walls alone."""
+    total = 0.0
+    for i in range(first, last):
+        above = max(i - 1, 0)  # the first row does not jump from itself
+        for j in range(1, dz.shape[1]):
+            down, aside = abs(dz[i, j] - dz[above, j]), abs(dz[i, j] - dz[i, j - 1])
+            down = down if use[i, j] & use[above, j] & (down > least) else np.float32(0)
+            aside = aside if use[i, j] & use[i, j - 1] & (aside > least) else np.float32(0)
+            total += np.sqrt(down * down + aside * aside)
+        down = abs(dz[i, 0] - dz[above, 0])
+        if use[i, 0] and use[above, 0] and down > least:
+            total += down
+    return total
 
 
 def wall_sigma(dz: npt.NDArray[np.float32], use: npt.NDArray[np.bool_], pitch_mm: float) -> float:
@@ -73,14 +94,36 @@ def wall_sigma(dz: npt.NDArray[np.float32], use: npt.NDArray[np.bool_], pitch_mm
     A wall of height J and length l that lies d off adds d l J. Summed over neighbouring cells, l J is the sum of the
     jumps of dz times the pitch; jumps that slope less than 0.5 are no walls.
     """
-    jumps = np.zeros(dz.shape)
-    for axis in range(2):
-        step = np.abs(np.diff(dz, axis=axis))
-        both = np.take(use, range(1, use.shape[axis]), axis) & np.take(use, range(use.shape[axis] - 1), axis)
-        steep = np.where(both & (step > WALL_SLOPE * pitch_mm), step, 0.0)
-        inner = (slice(1, None), slice(None)) if axis == 0 else (slice(None), slice(1, None))
-        jumps[inner] += steep.astype(np.float64) ** 2
-    return float(WALL_CELLS * pitch_mm**2 * np.sqrt(jumps).sum())
+    least = WALL_SLOPE * pitch_mm
+    return (
+        WALL_CELLS * pitch_mm**2 * sum(in_slabs(len(dz), lambda *rows: float(_jumps(dz, use, least, *rows)), least=256))
+    )
+
+
+@njit(cache=True, nogil=True)
+def _sums(dz, smooth, use, first, last):  # type: ignore[no-untyped-def]  # as above
+    """Sums over the used cells of a slab: of dz, of its local mean, and of what of that is above 0."""
+    net = mean = gained = 0.0
+    for i in range(first, last):
+        for j in range(dz.shape[1]):
+            if use[i, j]:
+                # beside what is missing there may be no local mean
+                local = smooth[i, j] if np.isfinite(smooth[i, j]) else dz[i, j]
+                net += dz[i, j]
+                mean += local
+                gained += max(local, np.float32(0))
+    return net, mean, gained
+
+
+@njit(cache=True, nogil=True)
+def _within(dz, smooth, use, bound, first, last):  # type: ignore[no-untyped-def]  # as above
+    """How many used cells of a slab have a local mean within a bound."""
+    count = 0
+    for i in range(first, last):
+        for j in range(dz.shape[1]):
+            if use[i, j]:
+                count += abs(smooth[i, j] if np.isfinite(smooth[i, j]) else dz[i, j]) < bound
+    return count
 
 
 def volumes(
@@ -117,36 +160,37 @@ def volumes(
     if not use.any():
         return Volumes(nan, nan, nan, 0.0)
     cell = grid.cell_mm2
-    net = float(change.dz[use].sum(dtype=np.float64)) * cell
-    smooth = local_mean(change.dz, LOCAL_CELLS, use=use)
-    smooth = np.where(use & ~np.isfinite(smooth), change.dz, smooth)
-    gained = float(np.maximum(smooth[use], 0).sum(dtype=np.float64)) * cell
+    dz, number = change.dz, int(use.sum())
+    smooth = local_mean(dz, LOCAL_CELLS, use=use)
+    net, mean, gained = (
+        float(each) * cell
+        for each in np.sum(in_slabs(grid.rows, lambda *rows: _sums(dz, smooth, use, *rows), least=256), axis=0)
+    )
     # smoothing moves a little across the region's edge: the scale between the two sums is taken out of both parts
-    drift = net - float(smooth[use].sum(dtype=np.float64)) * cell
-    gained += max(0.0, drift)
+    gained += max(0.0, net - mean)
     lost = gained - net
 
-    covariance = error_covariance(change.dz, stable)
-    random, systematic = _net_sigma(change, use, stable & np.isfinite(change.dz), covariance, noise)
+    block = block_side(longest_lag(grid.shape)) if noise is None else 1  # a noise model's lags are cells
+    covariance = error_covariance(dz, stable, block)
+    random, systematic = _net_sigma(change, use, stable & np.isfinite(dz), covariance, noise)
     if covariance is None:
-        still = float(np.median(change.lod[use])) / Z_95 / 2
+        still = median(change.lod, use) / Z_95 / 2
     else:
-        still = float(MAD_TO_SIGMA * np.nanmedian(np.abs(local_mean(change.dz, LOCAL_CELLS)[stable])))
-    area = int(use.sum()) * cell
-    sigma = float(np.hypot(random, wall_sigma(change.dz, use, grid.pitch_mm)))
-    quiet = float((np.abs(smooth[use]) < 2 * still).mean())
+        still = MAD_TO_SIGMA * median(local_mean(dz, LOCAL_CELLS), stable, about=0.0)
+    sigma = float(np.hypot(random, wall_sigma(dz, use, grid.pitch_mm)))
+    quiet = sum(in_slabs(grid.rows, lambda *rows: int(_within(dz, smooth, use, 2 * still, *rows)), least=256))
     # E max(e, 0) = 0.4 sigma for a normal error: what noise adds to both sums where nothing changed
-    rectified = float(0.4 * still * area * quiet)
+    rectified = 0.4 * still * quiet * cell
     part = float(np.hypot(sigma, rectified))
     measured = Measurement(gained, part), Measurement(lost, part), Measurement(net, sigma)
-    return Volumes(*measured, use.sum() / total, systematic)
+    return Volumes(*measured, number / total, systematic)
 
 
 def _net_sigma(
     change: Change,
     use: npt.NDArray[np.bool_],
     ground: npt.NDArray[np.bool_],
-    covariance: npt.NDArray[np.float64] | None,
+    covariance: ErrorCovariance | None,
     noise: NoiseModel | None,
 ) -> tuple[float, float]:
     """Standard uncertainty of the net volume, mm3, walls apart, and of registration's part in it.
@@ -155,30 +199,50 @@ def _net_sigma(
     of the errors of region and ground, and its variance is exact, whichever of the two share their errors.
     """
     motion, cell = change.motion, change.grid.cell_mm2
-    sd = np.where(np.isfinite(change.lod), change.lod, 0).astype(np.float64) / Z_95
     shared = motion.sigma_z_mm if np.isfinite(motion.sigma_z_mm) else 0.0
-    weights = use.astype(np.float64)
-    unseen = 0.0
+    area = float(np.count_nonzero(use)) * cell
+    if noise is None and covariance is None:
+        squares = float(np.square(change.lod[use], dtype=np.float64).sum()) / Z_95**2
+        return _apart(float(np.sqrt(SHARED_CELLS * squares)) * cell, shared * area)
+    unseen, block = 0.0, 1
+    scale: npt.NDArray[np.float64] = np.ones((1, 1))
     if noise is not None:
-        covariance = noise.correlation
-    elif covariance is None:
-        return _apart(float(np.sqrt(SHARED_CELLS * (sd[use] ** 2).sum())) * cell, shared * float(use.sum()) * cell)
+        by_lag = noise.correlation
+        scale = np.where(np.isfinite(change.lod), change.lod, 0).astype(np.float64) / Z_95
     else:
-        said = np.maximum(sd - shared, 0) ** 2
+        assert covariance is not None
+        by_lag, block = covariance.by_lag, covariance.block
         # Ground that did not move repeats its errors (the stripes fall where they fell before) and looks better than
         # what changed: what the sigmas say and the ground does not show counts too, shared by SHARED_CELLS neighbours
-        shown = float(covariance[0]) if covariance.size else 0.0
-        unseen = max(0.0, float(said[use].mean()) - shown) * SHARED_CELLS * float(use.sum())
-    scale = sd if noise is not None else 1.0
+        shown = covariance.variance if by_lag.size else 0.0
+        unseen = max(0.0, _said(change.lod, use, shared) - shown) * SHARED_CELLS * float(np.count_nonzero(use))
+    weights: npt.NDArray[np.float64] = block_sums(use, block)
     # ground within the region was found, not given: it may hold a little of the change, which no residual tells
     if motion.covariance is None or not ground.any() or (use & ground).any():
-        random = float(covariance_of_sums([weights * scale], covariance)[0, 0]) + unseen
-        return _apart(float(np.sqrt(max(0.0, random))) * cell, shared * float(use.sum()) * cell)
-    levelling = _levelling_weights(use, ground)
-    both = covariance_of_sums([weights * scale, levelling * scale], covariance)
+        random = float(covariance_of_sums([weights * scale], by_lag)[0, 0]) + unseen
+        return _apart(float(np.sqrt(max(0.0, random))) * cell, shared * area)
+    levelling = _levelling_weights(weights, block_sums(ground, block))
+    both = covariance_of_sums([weights * scale, levelling * scale], by_lag)
     # a sum's own variance is never below 0 but for rounding
     total = float(both[0, 0] - 2 * both[0, 1] + both[1, 1]) + unseen
     return float(np.sqrt(max(0.0, total))) * cell, float(np.sqrt(max(0.0, both[1, 1]))) * cell
+
+
+def _said(lod: npt.NDArray[np.float32], use: npt.NDArray[np.bool_], shared: float) -> float:
+    """Mean variance that the scans' sigmas state for a cell's difference, without registration's part."""
+    slabs = in_slabs(len(lod), lambda *rows: float(_stated(lod, use, 1 / Z_95, shared, *rows)), least=256)
+    return sum(slabs) / max(1, int(np.count_nonzero(use)))
+
+
+@njit(cache=True, nogil=True)
+def _stated(lod, use, scale, shared, first, last):  # type: ignore[no-untyped-def]  # as above
+    total = 0.0
+    for i in range(first, last):
+        for j in range(lod.shape[1]):
+            if use[i, j] and np.isfinite(lod[i, j]):
+                said = max(lod[i, j] * scale - shared, 0.0)
+                total += said * said
+    return total
 
 
 def _apart(random: float, systematic: float) -> tuple[float, float]:
@@ -186,19 +250,20 @@ def _apart(random: float, systematic: float) -> tuple[float, float]:
     return float(np.hypot(random, systematic)), systematic
 
 
-def _levelling_weights(use: npt.NDArray[np.bool_], ground: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64]:
-    """How much an error of each cell of the ground adds to the plane's sum over the region, by least squares."""
+def _levelling_weights(use: npt.NDArray[np.float64], ground: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """How much errors of the ground add to the plane's sum over the region, by least squares; by blocks."""
     row, column = (np.arange(n, dtype=np.float64) - n / 2 for n in use.shape)
 
-    def moments(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.float64]:
-        over_rows, over_columns = mask.sum(axis=1, dtype=np.float64), mask.sum(axis=0, dtype=np.float64)
+    def moments(counts: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        over_rows, over_columns = counts.sum(axis=1), counts.sum(axis=0)
         return np.array([over_rows.sum(), row @ over_rows, column @ over_columns])
 
     n, r, c = moments(ground)
     rr = float(row**2 @ ground.sum(axis=1))
     cc = float(column**2 @ ground.sum(axis=0))
-    rc = float(row @ (ground.astype(np.float64) @ column))
+    rc = float(row @ (ground @ column))
     normal = np.array([[n, r, c], [r, rr, rc], [c, rc, cc]])
     level = np.linalg.lstsq(normal, moments(use), rcond=None)[0]
     plane = level[0] + level[1] * row[:, None] + level[2] * column[None, :]
-    return np.where(ground, plane, 0.0)
+    weights: npt.NDArray[np.float64] = ground * plane
+    return weights

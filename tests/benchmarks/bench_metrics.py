@@ -9,8 +9,8 @@ from functools import partial
 
 import numpy as np
 
-from pipelines import LEVEL_NONE, Grid, Scan, parse_instant
-from pipelines.change import METRICS, Substrate, bare_substrate, compare, find_objects, measure
+from pipelines import LEVEL_NONE, Grid, Motion, Scan, parse_instant
+from pipelines.change import METRICS, Substrate, bare_substrate, compare, find_objects, measure, register
 from pipelines.scenes import Soil
 
 SIZES = ((1000, 1000, 1.0), (1440, 2560, 4.0))
@@ -36,11 +36,11 @@ def scan_at(rows: int, columns: int, hours: float) -> Scan:
     grid = Grid(rows, columns, pitch, -columns * pitch / 2, -SIDE_MM / 2)
     soil = Soil(side_mm=SIDE_MM + 1).at(grid.y_mm[None, :], grid.y_mm[:, None]).height(hours)
     height = np.pad(soil, ((0, 0), (0, columns - rows)), mode="symmetric")
-    height += np.random.default_rng(int(hours)).normal(0, 0.003, grid.shape)
+    height += np.random.default_rng(round(3600 * hours)).normal(0, 0.003, grid.shape)
     texture = np.clip(128 + 400 * np.nan_to_num(height), 0, 255).astype(np.uint8)
     level = np.full(grid.shape, 0, np.uint8)
     level[~np.isfinite(height)] = LEVEL_NONE
-    at = parse_instant("2026-01-01T00:00:00Z") + np.timedelta64(int(hours), "h")
+    at = parse_instant("2026-01-01T00:00:00Z") + np.timedelta64(round(3600 * hours), "s")
     return Scan(grid, at, height.astype(np.float32), np.full(grid.shape, 0.003, np.float32), texture, level)
 
 
@@ -69,8 +69,9 @@ def _everything(after: Scan, before: Scan, names: tuple[str, ...]) -> object:
     return measure(compare(after, before), names)
 
 
-def _video(after: Scan, before: Scan, bare: Substrate) -> object:
-    return _everything(after, before, VIDEO), find_objects(after, bare)
+def _video(after: Scan, before: Scan, bare: Substrate, near: Motion | None) -> object:
+    """Difference, volumes and objects of a scan whose neighbour's motion is known, or none's."""
+    return measure(compare(after, before, near=near), VIDEO), find_objects(after, bare)
 
 
 def main() -> None:
@@ -87,7 +88,11 @@ def main() -> None:
         if (rows, columns) == VIDEO_SIZE:
             bare = bare_substrate([before])
             assert bare is not None
-            show("video recipe", partial(_video, after, before, bare), VIDEO_S)
+            second, third = (scan_at(rows, columns, 24.0 + seconds / 3600) for seconds in (1, 2))
+            near = register(second, before)
+            assert near.verdict == "good", near.reason
+            show("video recipe", partial(_video, third, before, bare, near), VIDEO_S)
+            show("the same, searched in full", partial(_video, third, before, bare, None))
         if "--parts" in sys.argv:
             show("compare", partial(compare, after, before))
             comparison = compare(after, before)

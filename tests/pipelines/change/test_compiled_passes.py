@@ -9,11 +9,16 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import ndimage
 
-from pipelines.change.covariance import covariance_by_lag
+from pipelines.change.bands import band_passed
+from pipelines.change.covariance import covariance_by_lag, covariance_of_sums, error_covariance
 from pipelines.change.crack_profiles import crack_profiles
 from pipelines.change.distance import inner_distance
 from pipelines.change.extremes import greatest, least
 from pipelines.change.plate_sums import band_sums
+from pipelines.change.ranks import median, robust_sigma
+from pipelines.change.smoothing import local_mean
+from pipelines.change.squares import grown, shrunk
+from tests.pipelines.change.scans import scan_of
 
 shapes = st.tuples(st.integers(1, 40), st.integers(1, 40))
 
@@ -95,3 +100,81 @@ def test_a_covariance_counts_every_pair() -> None:
     product = values[use][:, None] * values[use]
     exact = [product[lag == h].mean() for h in range(6)]
     np.testing.assert_allclose(covariance_by_lag([(values, use)], 5), exact, atol=1e-12)
+
+
+@settings(max_examples=40, deadline=None)
+@given(arrays(np.bool_, shapes), st.integers(1, 3))
+def test_masks_grow_and_shrink_as_those_of_scipy(mask: np.ndarray, times: int) -> None:
+    square = np.ones((3, 3), dtype=np.bool_)
+    np.testing.assert_array_equal(grown(mask, times), ndimage.binary_dilation(mask, square, iterations=times))
+    np.testing.assert_array_equal(shrunk(mask, times), ndimage.binary_erosion(mask, square, iterations=times))
+
+
+@pytest.mark.parametrize("kind", ["normal", "steps", "one value", "two lumps"])
+@pytest.mark.parametrize("count", [2, 7, 250_001, 300_000])
+def test_medians_are_those_of_numpy(kind: str, count: int) -> None:
+    random = np.random.default_rng(count)
+    values = random.normal(size=count).astype(np.float32)
+    if kind == "steps":
+        values = np.round(values)
+    elif kind == "one value":
+        values[:] = 3
+    elif kind == "two lumps":  # the median lies where a sample has nothing
+        values = np.where(np.arange(count) < count // 2, values - 100, values + 100)
+    values[1::9] = np.nan
+    use = random.random(count) < 0.7
+    use[0] = True
+    assert median(values) == np.nanmedian(values)
+    assert median(values, use) == np.nanmedian(values[use])
+    middle = np.nanmedian(values)
+    assert robust_sigma(values) == pytest.approx(1.4826 * np.nanmedian(np.abs(values - middle)), rel=1e-6)
+
+
+@pytest.mark.parametrize("cells", [3, 5, 7])
+def test_local_means_are_those_of_scipy(cells: int) -> None:
+    random = np.random.default_rng(cells)
+    values = random.normal(5, 1, (300, 65)).astype(np.float32)
+    values[random.random(values.shape) < 0.6] = np.nan
+    use = random.random(values.shape) < 0.8
+    good = np.isfinite(values) & use
+    count = np.rint(ndimage.uniform_filter(good.astype(np.float64), cells, mode="constant") * cells**2)
+    total = ndimage.uniform_filter(np.where(good, values, 0.0), cells, mode="constant") * cells**2
+    expected = np.where(count >= 0.25 * cells**2, total / np.maximum(count, 1), np.nan)
+    np.testing.assert_allclose(local_mean(values, cells, use=use), expected, rtol=1e-6)
+
+
+def test_bands_are_those_of_scipy() -> None:
+    random = np.random.default_rng(6)
+    height = 40 + ndimage.gaussian_filter(random.normal(size=(150, 90)), 2)
+    height[random.random(height.shape) < 0.1] = np.nan
+    scan = scan_of(height, texture=random.uniform(0, 255, height.shape))
+    good = np.isfinite(scan.height)
+
+    def smooth(values: np.ndarray, sigma: float) -> np.ndarray:
+        over = [ndimage.gaussian_filter(np.where(good, v, 0.0), sigma, truncate=3.0) for v in (values, np.ones(1))]
+        return np.asarray(over[0] / np.maximum(over[1], 1e-3))
+
+    channels = scan.height.astype(np.float64), scan.texture.astype(np.float64)
+    for found, values in zip(band_passed(scan), channels, strict=True):
+        expected = np.where(good, smooth(values, 1.0) - smooth(values, 8.0), np.nan)
+        np.testing.assert_allclose(found, expected, atol=2e-6 * float(np.nanmax(values)))
+    for part, whole in zip(band_passed(scan, 40, 77), band_passed(scan), strict=True):
+        np.testing.assert_allclose(part, whole[40:77], atol=1e-4)
+
+
+def test_blocks_tell_the_variance_of_a_volume_as_cells_do() -> None:
+    random = np.random.default_rng(7)
+    shape = (360, 400)
+    error = ndimage.gaussian_filter(random.normal(size=shape), 4.0) + random.normal(0, 0.02, shape)
+    ground, region = np.zeros((2, *shape), dtype=np.bool_)
+    ground[:, :250] = region[60:300, 260:390] = True
+    ground[random.random(shape) < 0.2] = False
+    sigmas = []
+    for side in (1, 2, 4):
+        found = error_covariance(error.astype(np.float32), ground, side)
+        assert found is not None
+        blocks = region.reshape(shape[0] // side, side, shape[1] // side, side).sum(axis=(1, 3)).astype(np.float64)
+        sigmas.append(float(np.sqrt(covariance_of_sums([blocks], found.by_lag)[0, 0])))
+        assert found.variance == pytest.approx(error[ground].var(), rel=0.02)
+    assert sigmas[1] == pytest.approx(sigmas[0], rel=0.03)
+    assert sigmas[2] == pytest.approx(sigmas[0], rel=0.03)

@@ -94,8 +94,8 @@ def test_correlated_errors_are_counted() -> None:
         if seed < 10:
             covariance = error_covariance(dz.astype(np.float32), ground)
             assert covariance is not None
-            assert covariance[0] == pytest.approx(1e-4, rel=0.15)
-            predicted.append(volume_sigma(region, covariance, PITCH))
+            assert covariance.by_lag[0] == pytest.approx(1e-4, rel=0.15)
+            predicted.append(volume_sigma(region, covariance.by_lag, PITCH))
     assert np.mean(predicted) == pytest.approx(np.std(sums), rel=0.25)
     white = volume_sigma(region, np.array([1e-4]), PITCH)
     assert np.std(sums) > 8 * white  # what taking the cells for independent would hide

@@ -1,0 +1,99 @@
+"""Medians of what is known, exact, in one pass: a sample brackets the middle, and only what lies between is sorted."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from ..slabs import in_slabs
+
+__all__ = ["MAD_TO_SIGMA", "median", "robust_sigma"]
+
+MAD_TO_SIGMA = 1.4826
+"""Standard deviation over median absolute deviation, for a normal distribution."""
+SAMPLED = 8192
+BESIDE = 4.0
+"""The bracket reaches so many standard errors of a sample's median to either side."""
+SMALL = 4 * SAMPLED
+"""Fewer values are sorted as they are."""
+
+Mask = npt.NDArray[np.bool_]
+
+
+@njit(cache=True, nogil=True)
+def _between(values, use, masked, about, centred, low, high, inside, first, last):  # type: ignore[no-untyped-def]
+    """How many values are known, how many of them lie below `low`; those up to `high` into `inside`."""
+    known = below = kept = 0
+    for k in range(first, last):
+        value = abs(values[k] - about) if centred else values[k]
+        good = (abs(value) < np.inf) & (use[k] if masked else True)
+        known += good
+        below += good & (value < low)
+        # no branch: what does not count is written over by the next
+        inside[first + kept] = value
+        kept += good & (value >= low) & (value <= high)
+    return known, below, kept
+
+
+def median(values: npt.NDArray[np.floating], use: Mask | None = None, about: float | None = None) -> float:
+    """Median of the finite values, or of their distances from `about`; that of numpy, bit by bit.
+
+    Parameters
+    ----------
+    values : ndarray of float32 or float64
+    use : ndarray of bool, of the same shape, optional
+        Which count.
+    about : float, optional
+        In the values' type: then ``|value - about|`` is ranked.
+
+    Returns
+    -------
+    float
+        NaN where nothing is finite.
+    """
+    flat = np.ascontiguousarray(values).reshape(-1)
+    mask = np.zeros(1, dtype=np.bool_) if use is None else np.ascontiguousarray(use).reshape(-1)
+    centre = values.dtype.type(0 if about is None else about)
+    given = flat, mask, use is not None, centre, about is not None
+    if flat.size > SMALL:
+        # a stride that shares no factor with a row's length does not run down columns
+        every = (flat.size // SAMPLED) | 1
+        some = flat[::every] if use is None else flat[::every][mask[::every]]
+        some = some if about is None else np.abs(some - centre)
+        some = np.sort(some[np.isfinite(some)])
+        if some.size > SAMPLED // 8:
+            reach = BESIDE * 0.5 / np.sqrt(some.size)
+            low, high = some[[int((0.5 - reach) * some.size), int((0.5 + reach) * some.size)]]
+            found = _ranked(given, low, high)
+            if found is not None:
+                return found
+    found = _ranked(given, values.dtype.type(-np.inf), values.dtype.type(np.inf))
+    assert found is not None
+    return found
+
+
+def _ranked(given: tuple[Any, ...], low: np.floating, high: np.floating) -> float | None:
+    """The median, if it lies between two bounds."""
+    inside = np.empty_like(given[0])
+    parts = in_slabs(
+        given[0].size, lambda first, last: (first, *_between(*given, low, high, inside, first, last)), least=100_000
+    )
+    known = sum(part[1] for part in parts)
+    if known == 0:
+        return float("nan")
+    below = sum(part[2] for part in parts)
+    kept = np.concatenate([inside[first : first + count] for first, _, _, count in parts])
+    lower, upper = (known - 1) // 2 - below, known // 2 - below
+    if lower < 0 or upper >= kept.size:
+        return None
+    kept.partition((lower, upper))
+    return float(np.mean(kept[[lower, upper]]))
+
+
+def robust_sigma(values: npt.NDArray[np.floating], use: Mask | None = None) -> float:
+    """1.4826 times the median absolute deviation from the median of the finite values; NaN if there is none."""
+    middle = median(values, use)
+    return MAD_TO_SIGMA * median(values, use, middle) if np.isfinite(middle) else middle
