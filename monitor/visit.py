@@ -34,6 +34,7 @@ __all__ = [
     "Finding",
     "Mask",
     "Recipe",
+    "Rules",
     "State",
     "Yield",
     "compare_with",
@@ -52,13 +53,11 @@ State = Literal["taken", "missed", "rejected", "failed"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Recipe:
-    """What is done with every capture of a campaign.
+class Rules:
+    """What is done with every scan, however it came about.
 
     Parameters
     ----------
-    patterns : PatternSet
-    calibration : Calibration
     grid : Grid
     stable, region : ndarray of bool, shape (rows, columns), or None
         Cells that hold still; cells that count.
@@ -68,15 +67,12 @@ class Recipe:
         Remove what stands well apart behind the object.
     local_integration : bool
         Read pixels too faint by themselves from sums over a window.
-    keep_frames : bool
-    frames_for : timedelta64 or None
-        How long frames are kept; None for ever.
     noise : NoiseModel or None
         What levels of detection rest on.
+    settings : str
+        Hash of the settings that say so; `process` tells by it what it did already.
     """
 
-    patterns: PatternSet
-    calibration: Calibration
     grid: Grid
     stable: Mask = None
     region: Mask = None
@@ -84,9 +80,27 @@ class Recipe:
     alarms: tuple[Alarm, ...] = ()
     remove_background: bool = True
     local_integration: bool = False
+    noise: NoiseModel | None = None
+    settings: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Recipe(Rules):
+    """What is done with every capture of a campaign.
+
+    Parameters
+    ----------
+    patterns : PatternSet
+    calibration : Calibration
+    keep_frames : bool
+    frames_for : timedelta64 or None
+        How long frames are kept; None for ever.
+    """
+
+    patterns: PatternSet
+    calibration: Calibration
     keep_frames: bool = False
     frames_for: np.timedelta64 | None = None
-    noise: NoiseModel | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,7 +121,7 @@ class Yield:
     watches: Watches = field(default_factory=dict)
 
 
-def make_scan(frames: Frames, recipe: Recipe) -> Scan:
+def make_scan(frames: Frames, calibration: Calibration, rules: Rules) -> Scan:
     """Turn one capture into a height map on the campaign's grid.
 
     Raises
@@ -121,10 +135,10 @@ def make_scan(frames: Frames, recipe: Recipe) -> Scan:
 
     scan = scan_frames(
         frames,
-        recipe.calibration,
-        recipe.grid,
-        remove_background=recipe.remove_background,
-        local_integration=recipe.local_integration,
+        calibration,
+        rules.grid,
+        remove_background=rules.remove_background,
+        local_integration=rules.local_integration,
     )
     if not np.isfinite(scan.height).any():
         raise CaptureError("no cell was measured: is the projector on, and the object in the field of view?")
@@ -156,9 +170,9 @@ def visit(frames: Frames, recipe: Recipe, epoch: Epoch | None, planned: Instant)
         If the frames cannot become a height map, or `diagnose` rejects them.
     """
     notes = remarks(frames)
-    scan = make_scan(frames, recipe)
+    scan = make_scan(frames, recipe.calibration, recipe)
     baseline = epoch.baseline if epoch is not None else None
-    finding = compare_with(baseline, scan, recipe.stable, recipe.region, recipe.metrics, recipe.noise)
+    finding = compare_with(baseline, scan, recipe)
     before = epoch.watches if epoch is not None else {}
     result = judged(finding, recipe.alarms, before, planned, notes)
     kept = frames if recipe.keep_frames else None
@@ -175,22 +189,16 @@ class Finding:
     metrics: Mapping[str, Measurement] = field(default_factory=dict)
 
 
-def compare_with(
-    baseline: Scan | None,
-    scan: Scan,
-    stable: Mask,
-    region: Mask,
-    metrics: tuple[str, ...],
-    noise: NoiseModel | None = None,
-) -> Finding:
+def compare_with(baseline: Scan | None, scan: Scan, rules: Rules) -> Finding:
     """Compare a scan with its epoch's baseline; one of another calibration, or without a baseline, starts an epoch."""
     if baseline is None or scan.calibration_id != baseline.calibration_id:
         return Finding(scan)
     from pipelines.change import compare, measure
 
-    comparison: Comparison = compare(scan, baseline, stable=stable, region=region, noise=noise)
+    masks = {"stable": rules.stable, "region": rules.region}
+    comparison: Comparison = compare(scan, baseline, **masks, noise=rules.noise)
     failed = comparison.change.motion.verdict == "failed"
-    return Finding(scan, comparison.change, {} if failed else measure(comparison, metrics))
+    return Finding(scan, comparison.change, {} if failed else measure(comparison, rules.metrics))
 
 
 def judged(
