@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable
+from dataclasses import fields
 from datetime import timedelta
 from pathlib import Path
 
@@ -17,10 +18,11 @@ from storage import Store
 
 from . import __version__
 from .rigs import BOARD, Rig, calibration_captures, make_rig, rig_options
-from .visit import Mask, Recipe
+from .visit import Mask, Recipe, Rules
 
 __all__ = [
     "campaign_hash",
+    "campaign_rules",
     "make_recipe",
     "masks_of",
     "read_calibration",
@@ -99,23 +101,37 @@ def rig_of(campaign: Campaign, store: Store | None) -> Rig:
     return make_rig(campaign.rig.name, options)
 
 
-def make_recipe(campaign: Campaign, patterns: PatternSet, calibration: Calibration, grid: Grid) -> Recipe:
-    """Give what is done with every capture of a campaign."""
+def campaign_rules(campaign: Campaign, grid: Grid) -> Rules:
+    """Give what is done with every scan of a campaign.
+
+    Raises
+    ------
+    InputError
+        If a polygon holds no cell of the grid.
+    """
     stable, region = masks_of(campaign, grid)
-    kept = campaign.retain.raw_frames
-    return Recipe(
-        patterns,
-        calibration,
+    return Rules(
         grid,
         stable,
         region,
         campaign.metrics,
         campaign.alarms,
-        remove_background=campaign.reconstruct.remove_background,
-        local_integration=campaign.reconstruct.local_integration,
+        campaign.reconstruct.remove_background,
+        campaign.reconstruct.local_integration,
+        environment=campaign.environment,
+    )
+
+
+def make_recipe(campaign: Campaign, patterns: PatternSet, calibration: Calibration, grid: Grid) -> Recipe:
+    """Give what is done with every capture of a campaign."""
+    rules, kept = campaign_rules(campaign, grid), campaign.retain.raw_frames
+    return Recipe(
+        **{each.name: getattr(rules, each.name) for each in fields(rules)},
+        patterns=patterns,
+        calibration=calibration,
         keep_frames=kept != "off",
         frames_for=np.timedelta64(kept, "ns") if isinstance(kept, timedelta) else None,
-        environment=campaign.environment,
+        follow=campaign.schedule.video is not None,
     )
 
 

@@ -10,45 +10,22 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from threading import Lock
-from typing import TYPE_CHECKING
 
-from configs import Alarm, Campaign, Environment, InputError, StoreError, parse_campaign
-from pipelines import ENVIRONMENT, Calibration, Event, Grid, Instant, Measurement, Scan
+from configs import Campaign, InputError, StoreError, parse_campaign
+from pipelines import ENVIRONMENT, Calibration, Event, Instant, Measurement, Scan
 from storage import Rework, ScanTable, Spread, Store, open_store
 
 from . import __version__
 from .alarms import Watches, after_gap, after_scan, gaps_in, remembered_at, seen_in, states_of, told
-from .recipe import campaign_hash, masks_of, read_pattern_set
-from .visit import Finding, Mask, Recipe, compare_with, judged, make_scan, remarks
+from .recipe import campaign_hash, campaign_rules, read_pattern_set
+from .visit import Finding, Rules, compare_with, judged, make_scan, remarks
 
-if TYPE_CHECKING:
-    from pipelines.change import NoiseModel
-
-__all__ = ["Outcome", "Rules", "campaign_of", "process", "rules_of"]
+__all__ = ["Outcome", "campaign_of", "process", "rules_of"]
 
 FROM_FRAMES = "from frames"
 NO_FRAMES = "no frames are kept"
 BATCH_CELLS = 4_000_000
 """A task is as many scans as hold so many cells, at most 16: handing over a small scan costs more than its work."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Rules:
-    """What is done with every scan, however it came about: a campaign's recipe without patterns and calibration."""
-
-    grid: Grid
-    stable: Mask = None
-    region: Mask = None
-    metrics: tuple[str, ...] = ()
-    alarms: tuple[Alarm, ...] = ()
-    remove_background: bool = True
-    settings: str = ""
-    """Hash of the campaign's settings."""
-    noise: NoiseModel | None = None
-    """What levels of detection rest on: the newest noise model in the store."""
-    local_integration: bool = False
-    environment: Environment | None = None
-    """What was read beside the scans: control charts take its effect out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,26 +98,16 @@ def rules_of(given: Campaign | None, store: Store) -> Rules:
     kept = tuple(name for name in store.about.metrics if name in METRICS)
     campaign = given if given is not None else campaign_of(store)
     if campaign is None:
-        return Rules(grid, metrics=kept, settings=store.about.campaign_hash, noise=store.about.noise)
+        return Rules(grid, metrics=kept, noise=store.about.noise, settings=store.about.campaign_hash)
     pitch = campaign.grid.pitch_mm
     if pitch is not None and abs(pitch - grid.pitch_mm) > 1e-9:
         raise InputError(
             f"grid.pitch_mm is {pitch:g}, but the store has cells of {grid.pitch_mm:g} mm: "
             "scans are made again on the store's own grid, leave it out"
         )
-    stable, region = masks_of(campaign, grid)
-    return Rules(
-        grid,
-        stable,
-        region,
-        tuple(dict.fromkeys((*campaign.metrics, *kept))),
-        campaign.alarms,
-        campaign.reconstruct.remove_background,
-        store.about.campaign_hash if given is None else campaign_hash(given, read_pattern_set(given)),
-        store.about.noise,
-        campaign.reconstruct.local_integration,
-        campaign.environment,
-    )
+    metrics = tuple(dict.fromkeys((*campaign.metrics, *kept)))
+    settings = store.about.campaign_hash if given is None else campaign_hash(given, read_pattern_set(given))
+    return replace(campaign_rules(campaign, grid), metrics=metrics, noise=store.about.noise, settings=settings)
 
 
 def process(
@@ -247,21 +214,13 @@ def _remake(job: Job, store: Store, number: int) -> Remade:
         outcome = NO_FRAMES if number in job.remake else "compared with a new baseline"
     else:
         used = job.calibration or store.calibration(scan.calibration_id)
-        recipe = Recipe(
-            frames.patterns,
-            used,
-            job.rules.grid,
-            remove_background=job.rules.remove_background,
-            local_integration=job.rules.local_integration,
-        )
         try:
             found = remarks(frames)
-            scan, notes, outcome = make_scan(frames, recipe), found, FROM_FRAMES
+            scan, notes, outcome = make_scan(frames, used, job.rules), found, FROM_FRAMES
         except ValueError as error:  # CaptureError is one
             outcome = f"frames give no height map ({error})"
             used = None
-    rules = job.rules
-    finding = compare_with(job.baseline, scan, rules.stable, rules.region, rules.metrics, rules.noise)
+    finding = compare_with(job.baseline, scan, job.rules)
     return Remade(number, stored.planned, finding, notes, outcome, used)
 
 

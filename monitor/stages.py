@@ -166,7 +166,7 @@ class Stages:
     def _judge(self, item: Visit) -> None:
         taken = item.measured.scan.time
         air = self.reading.at(taken) if self.reading is not None else {}
-        epoch = Epoch(self._epoch.baseline, self._watches, air) if self._epoch is not None else None
+        epoch = replace(self._epoch, watches=self._watches, air=air) if self._epoch is not None else None
         try:
             result = self.work.compare(item.measured, self.recipe, epoch, item.planned)
         except ValueError as error:
@@ -179,6 +179,8 @@ class Stages:
         if tick.scan is not None and epoch is None and (why := unfit(tick.scan, tick.events)):
             item.fail("rejected", why)
             return
+        if self._epoch is not None and tick.change is not None:
+            self._epoch = replace(self._epoch, near=tick.change.motion)
         before, self._watches = self._watches, result.watches
         if epoch is None and tick.scan is not None and before:  # there was no data before the first scan
             changes = told(self.recipe.alarms, before, self._watches, tick.scan.time)

@@ -20,6 +20,7 @@ from pipelines import (
     Grid,
     Instant,
     Measurement,
+    Motion,
     PatternSet,
     Scan,
     Tick,
@@ -36,6 +37,7 @@ __all__ = [
     "Mask",
     "Measured",
     "Recipe",
+    "Rules",
     "State",
     "Work",
     "Yield",
@@ -61,13 +63,11 @@ Between = TypeVar("Between")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Recipe:
-    """What is done with every capture of a campaign.
+class Rules:
+    """What is done with every scan, however it came about.
 
     Parameters
     ----------
-    patterns : PatternSet
-    calibration : Calibration
     grid : Grid
     stable, region : ndarray of bool, shape (rows, columns), or None
         Cells that hold still; cells that count.
@@ -77,17 +77,14 @@ class Recipe:
         Remove what stands well apart behind the object.
     local_integration : bool
         Read pixels too faint by themselves from sums over a window.
-    keep_frames : bool
-    frames_for : timedelta64 or None
-        How long frames are kept; None for ever.
     noise : NoiseModel or None
         What levels of detection rest on.
     environment : Environment or None
         What is read beside the scans: control charts take its effect out.
+    settings : str
+        Hash of the settings that say so; `process` tells by it what it did already.
     """
 
-    patterns: PatternSet
-    calibration: Calibration
     grid: Grid
     stable: Mask = None
     region: Mask = None
@@ -95,19 +92,44 @@ class Recipe:
     alarms: tuple[Alarm, ...] = ()
     remove_background: bool = True
     local_integration: bool = False
-    keep_frames: bool = False
-    frames_for: np.timedelta64 | None = None
     noise: NoiseModel | None = None
     environment: Environment | None = None
+    settings: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Recipe(Rules):
+    """What is done with every capture of a campaign.
+
+    Parameters
+    ----------
+    patterns : PatternSet
+    calibration : Calibration
+    keep_frames : bool
+    frames_for : timedelta64 or None
+        How long frames are kept; None for ever.
+    follow : bool
+        Register from where the scan before lay, as in a video.
+    """
+
+    patterns: PatternSet
+    calibration: Calibration
+    keep_frames: bool = False
+    frames_for: np.timedelta64 | None = None
+    follow: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Epoch:
-    """What a new scan is judged by: the baseline, what the alarms remember since, and the environment at the scan."""
+    """What a new scan is judged by: the baseline, what the alarms remember since, and the environment at the scan.
+
+    `near` is the motion of the scan before, onto the same baseline.
+    """
 
     baseline: Scan
     watches: Watches = field(default_factory=dict)
     air: Mapping[str, Measurement] = field(default_factory=dict)
+    near: Motion | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,7 +142,7 @@ class Yield:
     watches: Watches = field(default_factory=dict)
 
 
-def make_scan(frames: Frames, recipe: Recipe) -> Scan:
+def make_scan(frames: Frames, calibration: Calibration, rules: Rules) -> Scan:
     """Turn one capture into a height map on the campaign's grid.
 
     Raises
@@ -134,10 +156,10 @@ def make_scan(frames: Frames, recipe: Recipe) -> Scan:
 
     scan = scan_frames(
         frames,
-        recipe.calibration,
-        recipe.grid,
-        remove_background=recipe.remove_background,
-        local_integration=recipe.local_integration,
+        calibration,
+        rules.grid,
+        remove_background=rules.remove_background,
+        local_integration=rules.local_integration,
     )
     if not np.isfinite(scan.height).any():
         raise CaptureError("no cell was measured: is the projector on, and the object in the field of view?")
@@ -187,7 +209,7 @@ def measured(frames: Frames, recipe: Recipe) -> Measured:
         If the frames cannot become a height map, or `diagnose` rejects them.
     """
     notes = remarks(frames)
-    return Measured(make_scan(frames, recipe), notes, frames if recipe.keep_frames else None)
+    return Measured(make_scan(frames, recipe.calibration, recipe), notes, frames if recipe.keep_frames else None)
 
 
 def compared(capture: Measured, recipe: Recipe, epoch: Epoch | None, planned: Instant) -> Yield:
@@ -203,7 +225,8 @@ def compared(capture: Measured, recipe: Recipe, epoch: Epoch | None, planned: In
         change, and gives no metrics.
     """
     baseline = epoch.baseline if epoch is not None else None
-    finding = compare_with(baseline, capture.scan, recipe.stable, recipe.region, recipe.metrics, recipe.noise)
+    near = epoch.near if epoch is not None and recipe.follow else None
+    finding = compare_with(baseline, capture.scan, recipe, near)
     before, air = (epoch.watches, epoch.air) if epoch is not None else ({}, {})
     result = judged(finding, recipe.alarms, before, planned, capture.notes, environment=recipe.environment, air=air)
     kept, since = capture.frames, None
@@ -225,22 +248,18 @@ class Finding:
     metrics: Mapping[str, Measurement] = field(default_factory=dict)
 
 
-def compare_with(
-    baseline: Scan | None,
-    scan: Scan,
-    stable: Mask,
-    region: Mask,
-    metrics: tuple[str, ...],
-    noise: NoiseModel | None = None,
-) -> Finding:
-    """Compare a scan with its epoch's baseline; one of another calibration, or without a baseline, starts an epoch."""
+def compare_with(baseline: Scan | None, scan: Scan, rules: Rules, near: Motion | None = None) -> Finding:
+    """Compare a scan with its epoch's baseline; one of another calibration, or without a baseline, starts an epoch.
+
+    `near` is the motion of a scan shortly before, onto the same baseline, from where this one is followed.
+    """
     if baseline is None or scan.calibration_id != baseline.calibration_id:
         return Finding(scan)
     from pipelines.change import compare, measure
 
-    comparison: Comparison = compare(scan, baseline, stable=stable, region=region, noise=noise)
+    comparison: Comparison = compare(scan, baseline, rules.stable, rules.region, rules.noise, near)
     failed = comparison.change.motion.verdict == "failed"
-    return Finding(scan, comparison.change, {} if failed else measure(comparison, metrics))
+    return Finding(scan, comparison.change, {} if failed else measure(comparison, rules.metrics))
 
 
 def judged(

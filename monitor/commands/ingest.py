@@ -20,8 +20,8 @@ from storage import Store, create_store, fitting_packing, open_store, read_raste
 from .. import __version__
 from ..alarms import Watches, resumed
 from ..environment import Reading, make_sensor
-from ..reprocess import Rules, campaign_of, rules_of
-from ..visit import compare_with, judged
+from ..reprocess import campaign_of, rules_of
+from ..visit import Rules, compare_with, judged
 
 __all__ = ["ingest"]
 
@@ -228,7 +228,7 @@ def _kept(
     last = store[-1] if len(store) else None
     baseline = store[last.baseline].scan if last is not None else None
     notes = (Event(scan.time, "note", f"imported from {file.name}"),)
-    finding = compare_with(baseline, scan, rules.stable, rules.region, rules.metrics, rules.noise)
+    finding = compare_with(baseline, scan, rules)
     air = reading.at(scan.time) if reading is not None else {}
     result = judged(finding, rules.alarms, watches, scan.time, notes, environment=rules.environment, air=air)
     number = store.append(reading.beside(result.tick) if reading is not None else result.tick)

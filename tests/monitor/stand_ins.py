@@ -16,7 +16,7 @@ PATTERNS = PatternSet(kind="gray", size=(8, 8), bits=(3, 3))
 T0 = parse_instant("2026-01-01T00:00:00Z")
 LENS = Lens((5, 4), np.eye(3), np.zeros(5))
 CALIBRATION = Calibration(LENS, LENS, np.eye(3), np.zeros(3), np.eye(3, 4), {})
-RECIPE = Recipe(PATTERNS, CALIBRATION, GRID)
+RECIPE = Recipe(GRID, patterns=PATTERNS, calibration=CALIBRATION)
 
 
 def after(seconds: float) -> Instant:

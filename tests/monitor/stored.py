@@ -38,7 +38,8 @@ def rig(baseline_mm: float = 40.0) -> Calibration:
 
 
 def recipe(calibration: Calibration | None = None, **changes: object) -> Recipe:
-    made = Recipe(PATTERNS, calibration or rig(), GRID, STABLE, None, tuple(UNITS), (ALARM,), keep_frames=True)
+    used = calibration or rig()
+    made = Recipe(GRID, STABLE, None, tuple(UNITS), (ALARM,), patterns=PATTERNS, calibration=used, keep_frames=True)
     return replace(made, **changes)  # type: ignore[arg-type]  # any of its fields
 
 

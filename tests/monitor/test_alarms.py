@@ -100,7 +100,7 @@ def test_the_same_verdict_in_one_go_scan_by_scan_and_processed_again(tmp_path: P
 
 
 LIMIT = Alarm(name="mound", metric="net_volume", warn_above=1.0, alarm_above=2.0, no_data_after_slots=3)
-RECIPE = Recipe(PATTERNS, CALIBRATION, SMALL, metrics=("net_volume",), alarms=(LIMIT,))
+RECIPE = Recipe(SMALL, patterns=PATTERNS, calibration=CALIBRATION, metrics=("net_volume",), alarms=(LIMIT,))
 
 
 def scan_at(time: Instant) -> Scan:

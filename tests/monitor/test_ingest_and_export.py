@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from monitor.cli import run_tokens
-from monitor.visit import compare_with
+from monitor.visit import Rules, compare_with
 from pipelines import Grid, Scan
 from storage import create_store, open_store, read_height_map, read_raster, write_height_map
 
@@ -66,7 +66,7 @@ def test_a_file_is_worked_out_as_a_visit_would(here: Path) -> None:
         write_height_map(mound(number), here / f"{number}.npz")
     assert run_tokens(["ingest", "s", "0.npz", "1.npz", "--metric", "net_volume"]) == 0
     store = open_store("s")
-    finding = compare_with(store[0].scan, mound(1), None, None, ("net_volume",))
+    finding = compare_with(store[0].scan, mound(1), Rules(mound(1).grid, metrics=("net_volume",)))
     assert finding.change is not None
     np.testing.assert_allclose(store[1].change.dz, finding.change.dz, atol=0.000251)  # type: ignore[union-attr]
     assert store.series()["net_volume"].iloc[1] == finding.metrics["net_volume"].value

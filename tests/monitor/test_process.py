@@ -20,7 +20,8 @@ import zarr
 
 from configs import InputError
 from monitor.cli import run_tokens
-from monitor.reprocess import Outcome, Rules, process
+from monitor.reprocess import Outcome, process
+from monitor.visit import Rules
 from storage import collect, create_store, engine, open_store, snapshots
 from tests.monitor.stored import ALARM, GRID, STABLE, UNITS, at, fill, rig
 

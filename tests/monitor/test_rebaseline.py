@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from monitor.cli import run_tokens
-from monitor.visit import compare_with
+from monitor.visit import Rules, compare_with
 from storage import Store, open_store
 from tests.monitor.stored import fill
 
@@ -44,7 +44,7 @@ def test_followers_are_compared_with_the_chosen_scan(path: Path, capsys: pytest.
     assert now[:2] == was[:2]
     assert now[2] == -1
     for number in (3, 4):
-        alone = compare_with(store[2].scan, store[number].scan, None, None, ("gained_volume",))
+        alone = compare_with(store[2].scan, store[number].scan, Rules(store[2].scan.grid, metrics=("gained_volume",)))
         assert now[number] == round(alone.metrics["gained_volume"].value)
         assert 0 < now[number] < was[number], "the block rises with each scan: it gained less since the second"
     for number in range(5):

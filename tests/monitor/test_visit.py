@@ -39,9 +39,9 @@ def scan_at(seconds: float, height: npt.NDArray[np.float32]) -> Scan:
 STABLE = np.ones(GRID.shape, np.bool_)
 STABLE[20:100, 40:120] = False
 RECIPE = Recipe(
-    PATTERNS,
-    CALIBRATION,
     GRID,
+    patterns=PATTERNS,
+    calibration=CALIBRATION,
     stable=STABLE,
     metrics=("net_volume", "lost_volume"),
     alarms=(Alarm(name="erosion", metric="lost_volume", warn_above=0.5, alarm_above=1.0),),
@@ -54,7 +54,7 @@ def gives(monkeypatch: pytest.MonkeyPatch) -> list[Scan]:
     """The scans that the reconstruction gives, one after the other, of captures that are fine."""
     scans: list[Scan] = []
     monkeypatch.setattr(module, "remarks", lambda frames: ())
-    monkeypatch.setattr(module, "make_scan", lambda frames, recipe: scans.pop(0))
+    monkeypatch.setattr(module, "make_scan", lambda frames, calibration, rules: scans.pop(0))
     return scans
 
 

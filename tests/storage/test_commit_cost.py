@@ -28,9 +28,9 @@ def test_ten_thousand_scans_cost_like_ten() -> None:
 
 @pytest.mark.soak
 def test_the_memory_of_a_writer_levels_off() -> None:
-    """It may grow by what a snapshot's list of manifests does: 10 kB a commit, where it was 70."""
+    """Through the last two thirds of 1,536 commits, in MB; without giving back it grew by 0.07 with each."""
     found = memory(12 * GIVE_BACK_EVERY, tell=lambda line: print(line, flush=True))
-    assert found[-1] - found[3] < 0.010 * 8 * GIVE_BACK_EVERY
+    assert max(found[4:]) - found[3] < 5
 
 
 def _growth(folder: Path, scans: int, around_each: int) -> list[tuple[int, float, float, float, float]]:

@@ -74,11 +74,13 @@ def test_a_failed_buffer_is_taken_again_and_said(seen: npt.NDArray[np.uint8], tm
     # and the visit measures what the same frames measure from a folder, to the bit, and keeps the remark as an event
     write_capture(Frames(seen, NOW, PATTERNS), tmp_path / "folder")
     rig_geometry = known_geometry((240, 180))
-    recipe = Recipe(PATTERNS, rig_geometry, footprint_grid(rig_geometry, 0.1))
+    recipe = Recipe(grid=footprint_grid(rig_geometry, 0.1), patterns=PATTERNS, calibration=rig_geometry)
     tick = visit(frames, recipe, None, NOW).tick
     assert tick.scan is not None
     assert tick.scan.coverage > 0.8
-    assert np.array_equal(tick.scan.height, make_scan(read_capture(tmp_path / "folder"), recipe).height, equal_nan=True)
+    assert np.array_equal(
+        tick.scan.height, make_scan(read_capture(tmp_path / "folder"), rig_geometry, recipe).height, equal_nan=True
+    )
     assert any(event.kind == "note" and remark in event.text for event in tick.events)
 
 
