@@ -15,9 +15,8 @@ from .fallback import MOST_LEVELS
 from .frames import Frames
 from .integration_kernels import NOT_READ, Code, judge, place_sums, read_sums
 from .light import ROUNDING, Light, frame_indices, frame_of
-from .patterns import AXES
 from .pixel_maps import Decoded
-from .threshold import edge_levels
+from .threshold import tilt_of
 
 __all__ = ["integrate"]
 
@@ -221,11 +220,17 @@ def _code(
 ) -> Code:
     own: AxisCells | None = cells.axes[axis]
     assert own is not None
-    tilt = (
-        light.tilt[axis] if frames.patterns.complementary else edge_levels(frames, AXES[axis], own, cells.steps[axis])
-    )
     flips = own.flips[:, 0].astype(np.int64)
-    return Code(plus[:bits], minus[:bits], bits, own.lowest, own.highest, own.edge, flips, tilt[:bits])
+    return Code(
+        plus[:bits],
+        minus[:bits],
+        bits,
+        own.lowest,
+        own.highest,
+        own.edge,
+        flips,
+        tilt_of(axis, cells.levels, light)[:bits],
+    )
 
 
 def _noise(stack: npt.NDArray[np.generic], usable: Mask, pairs: list[tuple[int, int]], usual: float) -> float:

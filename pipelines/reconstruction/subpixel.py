@@ -14,10 +14,9 @@ from .edge_kernels import REACH, Pictures, along_columns, along_rows
 from .frames import Frames
 from .light import ROUNDING, Light, frame_indices, frame_of, read_light
 from .local_integration import integrate
-from .patterns import AXES
 from .pixel_maps import Decoded
 from .scatter_kernels import TILE, settle
-from .threshold import edge_levels
+from .threshold import tilt_of
 
 __all__ = ["every", "line_pictures", "locate", "raster", "refine", "shared_by", "telling_lines"]
 
@@ -50,8 +49,7 @@ def refine(frames: Frames, decoded: Decoded) -> Decoded:
     what the positions themselves show: how they scatter from line to line, and how they bend along a line.
 
     White stripes look wider than black ones through gamma and blur. Pattern minus inverse does not know it: at the end
-    of a stripe both are as bright, whatever the curve. Without inverses the level of the edges is measured
-    (`threshold.edge_levels`).
+    of a stripe both are as bright, whatever the curve. Without inverses `decode` has measured the level of the edges.
 
     Parameters
     ----------
@@ -92,7 +90,7 @@ def _between_edges(
 ) -> None:
     """Fill the positions and sigmas of one axis."""
     steps = decoded.steps[axis]
-    tilt = light.tilt[axis] if frames.patterns.complementary else edge_levels(frames, AXES[axis], cells, steps)
+    tilt = tilt_of(axis, decoded.levels, light)
     stack = cast(Stack, np.ascontiguousarray(frames.stack))
     down, pictures, reach = line_pictures(frames, stack, axis, cells, every(steps), light.noise, tilt)
     run = along_columns if down else along_rows
