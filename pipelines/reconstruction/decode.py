@@ -23,7 +23,7 @@ from .stripes import decode_stripes
 from .surface_light import show_light
 from .threshold import edge_level
 
-__all__ = ["LEAST_SWING", "SURE_BIT", "SURE_LIT", "GrayPass", "decode", "ends_of"]
+__all__ = ["LEAST_SWING", "SURE_BIT", "SURE_LIT", "GrayPass", "decode", "decode_steps", "ends_of"]
 
 LEAST_SWING = 0.1
 """Least swing of a certain bit, of white minus black."""
@@ -87,11 +87,27 @@ def decode(
 
 @dataclass(frozen=True, slots=True)
 class GrayPass:
-    """What a pass over the frames of a Gray code is given."""
+    """What a pass over the frames of a Gray code is given.
+
+    Parameters
+    ----------
+    frames : Frames
+    relative : float
+        Least swing of a certain bit, of white minus black.
+    sd : float
+        Noise of a pixel, counts.
+    least : float
+        White minus black that a lit pixel must have, whatever its noise.
+    direct : float, optional
+        Least swing at first sight, if more than `relative`: tiles that fail it are read by `relative`, where in turn
+        coarser patterns must be strong.
+    """
 
     frames: Frames
     relative: float
     sd: float
+    least: float = 0.0
+    direct: float | None = None
 
     @property
     def stack(self) -> npt.NDArray[np.uint8] | npt.NDArray[np.uint16]:
@@ -101,12 +117,18 @@ class GrayPass:
     @property
     def numbers(self) -> tuple[Any, ...]:
         """White, black, plus, minus, bits, relative and limits, as the kernels take them."""
-        patterns, depth = self.frames.patterns, self.frames.stack.itemsize
+        patterns = self.frames.patterns
         bits, plus, minus = frame_indices(patterns)
-        share = np.array([round(256 * self.relative)], dtype=np.uint32 if depth == 2 else np.uint16)
-        limits = tuple(min(ceil(times * sqrt(2) * self.sd), 256**depth - 1) for times in (SURE_BIT, SURE_LIT))
+        swing = sqrt(2 if patterns.complementary else 6) * self.sd
+        limits = SURE_BIT * swing, max(SURE_LIT * sqrt(2) * self.sd, self.least)
+        most = 256**self.frames.stack.itemsize - 1
         white, black = frame_of(patterns, "white"), frame_of(patterns, "black")
-        return white, black, plus, minus, bits, share, limits
+        share = self.share(self.relative)
+        return white, black, plus, minus, bits, share, tuple(min(ceil(limit), most) for limit in limits)
+
+    def share(self, of: float) -> npt.NDArray[Any]:
+        """A share of white minus black in 256ths, twice as wide as a pixel."""
+        return np.array([round(256 * of)], dtype=np.uint32 if self.frames.stack.itemsize == 2 else np.uint16)
 
     @property
     def axes(self) -> tuple[AxisCells | None, AxisCells | None]:
@@ -144,16 +166,16 @@ def _cells(given: GrayPass, rows: int, columns: int, into: Cells | None) -> Cell
     """Decode Gray code; once more where its stripes turn out not to end half between white and black."""
     steps = into.steps if into else (np.empty((rows, columns), np.uint16), np.empty((rows, columns), np.uint16))
     contrast = into.contrast if into else np.empty((rows, columns), np.uint8)
-    coarse = _decode(given, (0.0, 0.0), steps, contrast)
+    coarse = decode_steps(given, (0.0, 0.0), steps, contrast)
     levels = given.levels(steps)
     if any(levels):
-        coarse = _decode(given, levels, steps, contrast)
+        coarse = decode_steps(given, levels, steps, contrast)
     if coarse:
         refuse_strays(*steps)
     return Cells(steps, given.axes, levels, given.noise, given.texture(rows, columns), contrast)
 
 
-def _decode(
+def decode_steps(
     given: GrayPass,
     levels: tuple[float, float],
     steps: tuple[npt.NDArray[np.uint16], npt.NDArray[np.uint16]],
@@ -166,7 +188,8 @@ def _decode(
     white, black, plus, minus, bits, share, limits = given.numbers
     ends = ends_of(levels)
     decode_gray(
-        given.stack, white, black, plus, minus, bits, share, ends.astype(share.dtype), limits, numbers, *steps,
+        given.stack, white, black, plus, minus, bits, given.share(given.direct or given.relative),
+        ends.astype(share.dtype), limits, numbers, *steps,
         contrast.reshape(-1), suspects,
     )  # fmt: skip
     stack = given.stack.reshape(-1, rows, columns)

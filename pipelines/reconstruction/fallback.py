@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from .kernels import NO_CELL, TILE
 
-__all__ = ["MOST_LEVELS", "fall_back"]
+__all__ = ["DIRECT", "fall_back"]
 
 MOST_LEVELS = 3
 FEW = 8

@@ -53,7 +53,7 @@ def decode_gray(frames: Frames, stack: OnCard) -> Steps:
 def _decode_all(
     given: GrayPass, stack: OnCard, levels: tuple[float, float], steps: tuple[OnCard, OnCard], contrast: OnCard
 ) -> int:
-    """As `decode._decode`."""
+    """As `decode.decode_steps`."""
     rows, columns = contrast.shape
     size, depth = rows * columns, given.frames.stack.itemsize
     white, black, plus, minus, bits, share, limits = given.numbers

@@ -10,9 +10,10 @@ from ..edge_kernels import REACH, _crossings, _edges_between, levels_of
 from ..frames import Frames
 from ..kernels import NO_CELL
 from ..light import read_light
+from ..line_pictures import line_pictures, raster
 from ..pixel_maps import Decoded
 from ..scatter_kernels import LINES, TILE, _add_bend, _limit, _root, _second, _sum_of, _unexplained, _usual, lags_across
-from ..subpixel import RUNS, line_pictures, raster, shared_by, telling_lines
+from ..subpixel import RUNS, shared_by, telling_lines
 from ..threshold import tilt_of
 from .card import OnCard, cached, clear, empty, kernel, launch, up
 from .gray import Steps
