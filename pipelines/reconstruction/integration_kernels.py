@@ -98,8 +98,8 @@ def off_centre(white, black, reach, sd, out):  # type: ignore[no-untyped-def]  #
     """
     H, W = white.shape
     square = 0
-    for arm in range(-reach, reach + 1):
-        square += arm * arm * (2 * reach + 1)
+    for a in range(-reach, reach + 1):
+        square += a * a * (2 * reach + 1)
     noise, zero, one = np.float32(2 * sd * sd * square), np.float32(0), np.float32(1)
     plain, moment = np.empty(W, np.float32), np.empty(W, np.float32)  # of columns
     total, by_row, by_column = np.empty(W, np.float32), np.empty(W, np.float32), np.empty(W, np.float32)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import sqrt
+from typing import cast
 
 import numpy as np
 import numpy.typing as npt
@@ -128,7 +129,7 @@ class _Work:
 
     def __init__(self, frames: Frames, cells: Cells, found: Decoded, light: Light, wanted: Mask) -> None:
         self.frames, self.cells, self.light, self.wanted = frames, cells, light, wanted
-        self.stack: Stack = np.ascontiguousarray(frames.stack)
+        self.stack = cast(Stack, np.ascontiguousarray(frames.stack))
         self.axes = [number for number, axis in enumerate(cells.axes) if axis is not None]
         self.at = [(found.column, found.row)[axis] for axis in self.axes]
         self.said = [(found.sigma_column, found.sigma_row)[axis] for axis in self.axes]
