@@ -90,6 +90,9 @@ class Cells(Decoded):
         Half step (see `AxisCells`) of each pixel along columns and rows; 0 where not decoded.
     axes : (AxisCells or None, AxisCells or None)
         None where the axis was not projected.
+    levels : (float, float)
+        By how much twice a pattern exceeds white and black where its stripes end, of white minus black, along columns
+        and rows; 0 with inverses.
     noise : float
         Standard deviation of a pixel's value, in 8-bit counts.
     texture, contrast : ndarray of uint8, shape (row, column)
@@ -98,18 +101,23 @@ class Cells(Decoded):
 
     steps: tuple[HalfSteps, HalfSteps]
     axes: tuple[AxisCells | None, AxisCells | None]
+    levels: tuple[float, float]
     noise: float
 
     def __init__(
         self,
         steps: tuple[HalfSteps, HalfSteps],
         axes: tuple[AxisCells | None, AxisCells | None],
+        levels: tuple[float, float],
         noise: float,
         texture: Levels,
         contrast: Levels,
     ) -> None:
-        given = {"steps": steps, "axes": axes, "noise": noise, "texture": texture, "contrast": contrast}
-        for name, value in given.items():
+        for name, value in zip(
+            ("steps", "axes", "levels", "noise", "texture", "contrast"),
+            (steps, axes, levels, noise, texture, contrast),
+            strict=True,
+        ):
             object.__setattr__(self, name, value)
 
     @cached_property

@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from .kernels import NO_CELL, TILE
 
-__all__ = ["MOST_LEVELS", "fall_back"]
+__all__ = ["DIRECT", "fall_back"]
 
 MOST_LEVELS = 3
 FEW = 8
@@ -21,12 +21,12 @@ I64 = npt.NDArray[np.int64]
 
 
 @numba.njit(cache=True, nogil=True)
-def _swing(stack, white, black, plus, minus, i, j):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
-    """Pattern minus inverse of a pixel; without inverses twice the pattern minus white and black."""
+def _swing(stack, black, plus, minus, light, end, i, j):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """Pattern minus inverse of a pixel; without inverses twice what the pattern exceeds the ends of its stripes by."""
     p = np.int32(stack[plus, i, j])
     if minus >= 0:
         return p - np.int32(stack[minus, i, j])
-    return 2 * p - np.int32(stack[white, i, j]) - np.int32(stack[black, i, j])
+    return 2 * (p - np.int32(stack[black, i, j]) - ((light * end) >> 8))
 
 
 @numba.njit(cache=True, nogil=True)
@@ -37,7 +37,7 @@ def _light(stack, white, black, share, floor, i, j):  # type: ignore[no-untyped-
 
 
 @numba.njit(cache=True, nogil=True)
-def _unresolved(stack, white, black, plus, minus, share, floor, least, rows, columns):  # type: ignore[no-untyped-def]  # numba infers
+def _unresolved(stack, white, black, plus, minus, share, end, floor, least, rows, columns):  # type: ignore[no-untyped-def]  # numba infers
     """Whether more than half of the lit pixels of a tile are in doubt of a pattern."""
     lit, weak = 0, 0
     for i in range(rows[0], rows[1]):
@@ -45,12 +45,12 @@ def _unresolved(stack, white, black, plus, minus, share, floor, least, rows, col
             light, limit = _light(stack, white, black, share, floor, i, j)
             if light >= least:
                 lit += 1
-                weak += abs(_swing(stack, white, black, plus, minus, i, j)) < limit
+                weak += abs(_swing(stack, black, plus, minus, light, end, i, j)) < limit
     return lit >= FEW and 2 * weak > lit
 
 
 @numba.njit(cache=True, nogil=True)
-def _read(stack, white, black, plus, minus, bits, share, floor, least, i, j, low, high):  # type: ignore[no-untyped-def]  # numba infers
+def _read(stack, white, black, plus, minus, bits, share, end, floor, least, i, j, low, high):  # type: ignore[no-untyped-def]  # numba infers
     """Number of a pixel's cell in a code of so many bits, -1 in doubt.
 
     The rule is that of the fast pass, and another one: blur that leaves a tenth of the finest pattern leaves half of
@@ -62,7 +62,7 @@ def _read(stack, white, black, plus, minus, bits, share, floor, least, i, j, low
         return -1
     word, doubt, mixed = 0, 0, 0
     for bit in range(bits):
-        swing = _swing(stack, white, black, plus[bit], minus[bit], i, j)
+        swing = _swing(stack, black, plus[bit], minus[bit], light, end, i, j)
         word = 2 * word + (swing > 0)
         doubt = 2 * doubt + (abs(swing) < limit)
         mixed = 2 * mixed + (DIRECT * abs(swing) < light)
@@ -85,6 +85,7 @@ def fall_back(
     minus: I64,
     bits: int,
     share: int,
+    end: int,
     limits: tuple[int, int],
     numbers: I64,
     suspects: npt.NDArray[np.uint64],
@@ -100,8 +101,8 @@ def fall_back(
     Parameters
     ----------
     stack : ndarray, shape (frame, row, column)
-    white, black, share, limits
-        As of `kernels.decode_gray`; `share` is its `relative` as a number.
+    white, black, share, end, limits
+        As of `kernels.decode_gray`; `share` is its `relative` as a number, `end` that of this axis in `ends`.
     plus, minus : ndarray of int64, shape (bit,)
     bits : int
     numbers : ndarray, shape (2,)
@@ -135,7 +136,7 @@ def fall_back(
             level, most = 0, min(MOST_LEVELS, bits - 1)
             while level <= most:
                 bit = bits - 1 - level
-                if not _unresolved(stack, white, black, plus[bit], minus[bit], share, floor, least, rows, columns):
+                if not _unresolved(stack, white, black, plus[bit], minus[bit], share, end, floor, least, rows, columns):
                     break
                 level += 1
             changed += level > 0
@@ -145,7 +146,7 @@ def fall_back(
                     number = -1  # where no level is resolved nothing is measured
                     if level <= most:
                         number = _read(
-                            stack, white, black, plus, minus, bits - level, share, floor, least, i, j, low, high
+                            stack, white, black, plus, minus, bits - level, share, end, floor, least, i, j, low, high
                         )
                     steps[i, j] = (2 * number + 1) << level if number >= 0 else NO_CELL
     return changed

@@ -49,8 +49,9 @@ def fill(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     """Sum up the points of the cells of a band of rows.
 
     A pixel within a surface covers its own cell with all of its area, which its neighbours repay; one at a border
-    covers what its footprint covers. Cells with points that are covered by less than half get a negative sigma: `mend`
-    looks whether they lie at a border. Covered cells without a point get the planes of the pixels that cover them.
+    covers what its footprint covers, and marks its cell as one of a border. Cells with points that are covered by less
+    than half get a negative sigma: `mend` looks whether they lie at a border. Covered cells without a point get the
+    planes of the pixels that cover them.
     """
     cell, above, sigma_in, local, slope, reach = laid
     columns = height.shape[1]

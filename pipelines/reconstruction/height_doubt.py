@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numba as nb
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +12,7 @@ from .pinhole import Floats, project
 from .pixel_maps import PointMap
 from .rig_model import Calibration
 
-__all__ = ["add_rows", "bow_mm", "doubt_mm", "doubt_of_cells", "doubt_on", "narrowed", "with_doubt"]
+__all__ = ["add_rows", "bow_mm", "doubt_mm", "doubt_of_cells", "doubt_on", "with_doubt"]
 
 NODES = 17  # per axis of a grid: what is told there varies slowly
 LEAST = 1e-2  # of a point's sigma: what is left of it at least where nearly all of it is the calibration's
@@ -44,13 +42,6 @@ def with_doubt(points: PointMap, calibration: Calibration) -> PointMap:
     """Add what the calibration leaves open to ``sigma_z``, in place: the points are just made, nobody else has them."""
     _add(points.sigma_z, doubt_mm(calibration), 1.0, points.sigma_z)
     return points
-
-
-def narrowed(points: PointMap, calibration: Calibration) -> PointMap:
-    """Take what the calibration leaves open out of ``sigma_z`` again: what is left are errors that means make less."""
-    sigma = np.empty_like(points.sigma_z)
-    _add(points.sigma_z, doubt_mm(calibration), -1.0, sigma)
-    return replace(points, sigma_z=sigma)
 
 
 def doubt_of_cells(sigma: Map, grid: Grid, calibration: Calibration) -> None:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from .apart import read, write
 
-__all__ = ["NO_CELL", "TILE", "decode_gray"]
+__all__ = ["NO_CELL", "TILE", "decode_gray", "half_step"]
 
 BLOCK = 131072
 GROUP = 5  # bits that are read at a time
@@ -55,11 +55,13 @@ def _light(w: U8, b: U8, relative: U16, floor: int, least: int, halves: int, con
 
 
 @numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
-def _mean(w: U8, b: U8, relative: U16, middle: U8) -> None:
-    """Mean of white and black: the threshold where there are no inverses."""
-    wide = relative.dtype.type
+def _thresholds(w: U8, b: U8, ends: U16, axis: int, middle: U8) -> None:
+    """The threshold where there are no inverses: so many 256ths of the way from black to white."""
+    narrow, wide = middle.dtype.type, ends.dtype.type
+    share = wide(ends[axis])
     for i in range(middle.size):
-        write(middle, i, middle.dtype.type(wide(wide(read(w, i)) + wide(read(b, i))) >> wide(1)))
+        swing = wide(max(read(w, i), read(b, i)) - read(b, i))
+        write(middle, i, narrow(read(b, i) + narrow(wide(swing * share) >> wide(8))))
 
 
 @numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
@@ -142,7 +144,7 @@ def _half_steps(coarse: U8, fine: U8, unsure: U8, weak: U8, lowest: int, span: i
     for i in range(out.size):
         word = np.uint16(np.uint16(np.uint16(read(coarse, i)) << five) | np.uint16(read(fine, i)))
         doubt = np.uint16(np.uint16(np.uint16(read(unsure, i)) << five) | np.uint16(read(weak, i)))
-        write(out, i, _half_step(word, doubt, low, wide))
+        write(out, i, half_step(word, doubt, low, wide))
 
 
 @numba.njit(cache=True, nogil=True, inline="never")  # type: ignore[untyped-decorator]
@@ -154,11 +156,11 @@ def _half_steps_long(word3: U8, doubt3: U8, size: int, lowest: int, span: int, o
         for group in range(GROUPS):
             word = np.uint16(np.uint16(word << five) | np.uint16(word3[group, i]))
             doubt = np.uint16(np.uint16(doubt << five) | np.uint16(doubt3[group, i]))
-        out[i] = _half_step(word, doubt, low, wide)
+        out[i] = half_step(word, doubt, low, wide)
 
 
 @numba.njit(cache=True, nogil=True)
-def _half_step(word, doubt, low, wide):  # type: ignore[no-untyped-def]  # numba infers
+def half_step(word, doubt, low, wide):  # type: ignore[no-untyped-def]  # numba infers
     """Middle of a word's cell in half cells; `NO_CELL` outside the axis or in doubt. All are of 16 bits.
 
     At most one bit may be in doubt, and only where flipping it leads to the cell next door: the finest bit, or the
@@ -202,6 +204,7 @@ def decode_gray(
     minus: I64,
     bits: I64,
     relative: U16,
+    ends: U16,
     limits: tuple[int, int],
     numbers: I64,
     column: U16,
@@ -221,6 +224,8 @@ def decode_gray(
     bits : ndarray, shape (2,)
     relative : ndarray of uint16 or uint32 (twice as wide as the stack), shape (1,)
         Least swing of a certain bit, in 1/256 of white minus black.
+    ends : ndarray like `relative`, shape (2,)
+        Where the stripes of each axis end, in 1/256 of the way from black to white; for patterns without inverses.
     limits : (int, int)
         Least swing of a certain bit, least white minus black, counts.
     numbers : ndarray, shape (2, 2)
@@ -242,13 +247,13 @@ def decode_gray(
         size = stop - start
         w, b = stack[white, start:stop], stack[black, start:stop]
         _light(w, b, relative, limits[0] >> halves, limits[1], halves, contrast[start:stop], limit[:size])
-        if halves:
-            _mean(w, b, relative, middle[:size])
         for axis in range(2):
             place = column.reshape(-1)[start:stop] if axis == 0 else row.reshape(-1)[start:stop]
             if bits[axis] == 0:
                 place[:] = np.uint16(NO_CELL)
                 continue
+            if halves:
+                _thresholds(w, b, ends, axis, middle[:size])
             groups = _words(
                 stack,
                 start,

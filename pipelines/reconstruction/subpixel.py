@@ -8,18 +8,18 @@ import numpy as np
 import numpy.typing as npt
 
 from ..slabs import in_slabs
-from .cells import AxisCells, Cells, spread_of_contrast
+from .cells import AxisCells, Cells
 from .decode import decode
-from .edge_kernels import REACH, Pictures, along_columns, along_rows
+from .edge_kernels import along_columns, along_rows
 from .frames import Frames
-from .light import ROUNDING, Light, frame_indices, frame_of, read_light
+from .light import Light, read_light
+from .line_pictures import Stack, every, line_pictures
 from .local_integration import integrate
-from .patterns import AXES
 from .pixel_maps import Decoded
 from .scatter_kernels import TILE, settle
-from .threshold import edge_levels
+from .threshold import tilt_of
 
-__all__ = ["every", "line_pictures", "locate", "raster", "refine", "shared_by", "telling_lines"]
+__all__ = ["locate", "refine", "shared_by", "telling_lines"]
 
 SETTLED = 8 * TILE  # image rows whose uncertainties are settled at once: whole tiles, whatever the number of cores
 LINES = 6  # of the image, that tell what neighbouring lines share
@@ -28,7 +28,6 @@ RUNS = 24  # of 64 pixels, which the light is read from
 
 HalfSteps = npt.NDArray[np.uint16]
 Floats = npt.NDArray[np.float32]
-Stack = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
 
 def locate(frames: Frames, *, local_integration: bool = False) -> Decoded:
@@ -50,8 +49,7 @@ def refine(frames: Frames, decoded: Decoded) -> Decoded:
     what the positions themselves show: how they scatter from line to line, and how they bend along a line.
 
     White stripes look wider than black ones through gamma and blur. Pattern minus inverse does not know it: at the end
-    of a stripe both are as bright, whatever the curve. Without inverses the level of the edges is measured
-    (`threshold.edge_levels`).
+    of a stripe both are as bright, whatever the curve. Without inverses `decode` has measured the level of the edges.
 
     Parameters
     ----------
@@ -92,7 +90,7 @@ def _between_edges(
 ) -> None:
     """Fill the positions and sigmas of one axis."""
     steps = decoded.steps[axis]
-    tilt = light.tilt[axis] if frames.patterns.complementary else edge_levels(frames, AXES[axis], cells, steps)
+    tilt = tilt_of(axis, decoded.levels, light)
     stack = cast(Stack, np.ascontiguousarray(frames.stack))
     down, pictures, reach = line_pictures(frames, stack, axis, cells, every(steps), light.noise, tilt)
     run = along_columns if down else along_rows
@@ -104,81 +102,6 @@ def _between_edges(
     lags = (reach, 0) if down else (0, reach)
     shared = np.float32(_shared_by_lines(place, sigma, down, reach))
     in_slabs(len(steps), lambda first, last: settle(place, sigma, *lags, shared, first, last), step=SETTLED)
-
-
-def every(steps: HalfSteps) -> HalfSteps:
-    """The raster of an image that says along which direction an axis grows, and how fast."""
-    rows, columns = raster(steps.shape)
-    return steps[::rows, ::columns]
-
-
-def raster(shape: tuple[int, ...]) -> list[int]:
-    """Steps of that raster along rows and columns."""
-    return [max(1, side // 200) for side in shape]
-
-
-def line_pictures(
-    frames: Frames, stack: Stack, axis: int, cells: AxisCells, coarse: HalfSteps, count_noise: float, tilt: Floats
-) -> tuple[bool, Pictures, int]:
-    """What the kernels are given for one axis.
-
-    Parameters
-    ----------
-    frames : Frames
-    stack : ndarray, shape (frame, row, column)
-        The frames' own, wherever the kernels read them.
-    axis : int
-    cells : AxisCells
-    coarse : ndarray of uint16
-        Half steps on a `raster`.
-    count_noise : float
-        Standard deviation of a pixel's value, counts.
-    tilt : ndarray of float32, shape (MAX_BITS,)
-        As of `Light`, or the level of the edges.
-
-    Returns
-    -------
-    down : bool
-        Whether the axis grows down the image.
-    pictures : Pictures
-    reach : int
-        Camera px over which the bend of the map is taken.
-    """
-    patterns, shape = frames.patterns, frames.stack.shape[1:]
-    _, plus, minus = frame_indices(patterns)
-    none = cells.flips < 0
-    centre = cells.centres()
-    down, density = _growth(centre[coarse], raster(shape))
-    scale = 256.0 ** (frames.stack.itemsize - 1)  # of contrast
-    noise = max(count_noise, ROUNDING)
-    unsure = spread_of_contrast(np.sqrt(2) * noise / scale)
-    pictures = Pictures(
-        stack=stack,
-        white=frame_of(patterns, "white"),
-        black=frame_of(patterns, "black"),
-        plus=np.where(none, -1, plus[axis][cells.flips]).astype(np.int32),
-        minus=np.where(none, -1, minus[axis][cells.flips]).astype(np.int32),
-        tilt=tilt[cells.flips].astype(np.float32),
-        edge=cells.edge,
-        centre=centre,
-        width=cells.widths(),
-        unsure=np.square(unsure),
-        noise=np.float32((noise / scale) ** 2 * (2 if patterns.complementary else 6)),
-        scale=np.float32(1 / scale),
-    )
-    return down, pictures, max(0, min(round(1 / max(density, 1e-3)), REACH, (min(shape) - 1) // 2))
-
-
-def _growth(coarse: Floats, skip: list[int]) -> tuple[bool, float]:
-    """Whether an axis grows faster down the image than along its rows, and by how many px per camera px."""
-    growth = []
-    for axis in (1, 0):
-        change = np.abs(np.diff(coarse, axis=axis))
-        change = change[np.isfinite(change)]
-        if len(change):  # whole cells: a mean and no median, but without the edges of surfaces
-            change = change[change <= np.quantile(change, 0.98)]
-        growth.append(float(change.mean()) / skip[axis] if len(change) else 0.0)
-    return growth[1] > growth[0], max(growth)
 
 
 def _shared_by_lines(place: Floats, variance: Floats, down: bool, cell: int) -> float:

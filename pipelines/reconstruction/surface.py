@@ -26,6 +26,7 @@ from .mend_kernels import mend
 from .pixel_maps import Decoded, PointMap
 from .reconstruct import check_projector
 from .rig_model import Calibration
+from .smooth_cells import reach_of, tell_smooth
 from .subpixel import locate
 from .triangulate import triangulate_bands
 
@@ -70,8 +71,8 @@ def to_scan(
     Neighbouring points are placed between the same edges of stripes, so n points of a cell are worth
     (1 + (sqrt(n) - 1) / s)^2 independent ones, s being `SHARED` widths of the stripes in camera pixels: along the lines
     by geometry, and across them because relief, texture and blur reach about as far there. Noise alone is independent
-    from line to line: of smooth surfaces sigma is then too large. What the calibration leaves open they share
-    altogether.
+    from line to line: on smooth surfaces the heights themselves show it (`smooth_cells.tell_smooth`). What the
+    calibration leaves open they share altogether.
 
     Parameters
     ----------
@@ -210,8 +211,10 @@ def _sum_up(
     grid: Grid,
     time: Instant,
 ) -> Scan:
+    usual = _usual(calibration, grid)
     shared = max(1.0, SHARED * stripe_px)
-    height, sigma, *light = fill_cells(laid, texture, level, grid, _usual(calibration, grid), shared)
+    height, sigma, *light = fill_cells(laid, texture, level, grid, usual, shared)
+    tell_smooth(height, sigma, reach_of(stripe_px, usual))
     doubt_of_cells(sigma, grid, calibration)
     return Scan(grid, time, height, sigma, light[0], light[1], calibration.id)
 

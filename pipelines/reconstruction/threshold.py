@@ -6,13 +6,12 @@ import numpy as np
 import numpy.typing as npt
 
 from .cells import AxisCells
-from .codebook import MAX_BITS
 from .frames import Frames
 from .kernels import NO_CELL
-from .light import frame_indices, frame_of
+from .light import Light, frame_indices, frame_of
 from .patterns import AXES, Axis
 
-__all__ = ["edge_levels"]
+__all__ = ["edge_level", "tilt_of"]
 
 ROWS = 200
 """Rows of the image that are looked at, at most."""
@@ -20,7 +19,7 @@ FEW = 200
 """Pixels that a level is read from, at least."""
 
 
-def edge_levels(frames: Frames, axis: Axis, cells: AxisCells, steps: npt.NDArray[np.uint16]) -> npt.NDArray[np.float32]:
+def edge_level(frames: Frames, axis: Axis, cells: AxisCells, steps: npt.NDArray[np.uint16]) -> float:
     """By how much twice the pattern exceeds white and black where its stripes end, as a share of white minus black.
 
     White looks wider than black through a projector whose gamma is above 1 and a lens that blurs, and half between
@@ -36,14 +35,13 @@ def edge_levels(frames: Frames, axis: Axis, cells: AxisCells, steps: npt.NDArray
     axis : {"columns", "rows"}
     cells : AxisCells
     steps : ndarray of uint16, shape (row, column)
-        Half step of each pixel.
+        Half step of each pixel, decoded by half of white and black.
 
     Returns
     -------
-    ndarray of float32, shape (MAX_BITS,)
-        One level for all bits, 0 behind the last of them; 0 too where it does not exceed two standard errors.
+    float
+        One level for all bits; 0 where it does not exceed two standard errors.
     """
-    level = np.zeros(MAX_BITS, np.float32)
     every = slice(None, None, max(1, len(steps) // ROWS))
     step = steps[every].astype(np.int64)
     known = step != NO_CELL
@@ -63,8 +61,12 @@ def edge_levels(frames: Frames, axis: Axis, cells: AxisCells, steps: npt.NDArray
         swings.append((2 * seen - both[meets]) / light[meets])
     swing = np.concatenate(swings)
     if len(swing) < FEW:
-        return level
+        return 0.0
     middle = float(np.median(swing))
-    if abs(middle) > 2 * 1.2533 * float(swing.std()) / np.sqrt(ends):  # pixels along an edge tell the same
-        level[: bits[number]] = middle
-    return level
+    error = 1.2533 * float(swing.std()) / np.sqrt(ends)  # pixels along an edge tell the same
+    return middle if abs(middle) > 2 * error else 0.0
+
+
+def tilt_of(axis: int, levels: tuple[float, float], light: Light) -> npt.NDArray[np.float32]:
+    """What pattern minus inverse is where stripes end, of white minus black, by bit: uneven light, or the level."""
+    return np.asarray(light.tilt[axis] + np.float32(levels[axis]), np.float32)

@@ -9,12 +9,11 @@ import numpy as np
 from numba import cuda, uint64
 
 from ..cells import AxisCells
-from ..decode import _axis_cells, _Pass
+from ..decode import LEAST_SWING, GrayPass, ends_of
 from ..fallback import fall_back
 from ..frames import Frames
-from ..kernels import BLOCK, EVERY, GROUP, GROUPS, NO_CELL, TILE, _half_step
+from ..kernels import BLOCK, EVERY, GROUP, GROUPS, NO_CELL, TILE, half_step
 from ..light import ROUNDING, read_light
-from ..patterns import AXES
 from ..stray_light import refuse_strays
 from .card import OnCard, clear, empty, kernel, launch, up
 
@@ -28,41 +27,55 @@ class Steps:
     stack: OnCard  # (frame, row, column)
     steps: tuple[OnCard, OnCard]
     axes: tuple[AxisCells | None, AxisCells | None]
+    levels: tuple[float, float]
     contrast: OnCard
 
 
 def decode_gray(frames: Frames, stack: OnCard) -> Steps:
     """Decode a capture whose stack is on the card, as `decode` does; light and noise are read on the CPU."""
     rows, columns = frames.stack.shape[1:]
-    flat = frames.stack.reshape(len(frames.stack), -1)
-    given = _Pass(flat, frames.patterns, 0.1, max(read_light(frames).noise, ROUNDING))
-    white, black, plus, minus, bits, share, limits = given.frames
+    given = GrayPass(frames, LEAST_SWING, max(read_light(frames).noise, ROUNDING))
+    steps = empty((rows, columns), np.uint16), empty((rows, columns), np.uint16)
+    contrast = empty((rows, columns), np.uint8)
+    coarse = _decode_all(given, stack, (0.0, 0.0), steps, contrast)
+    levels = (0.0, 0.0)
+    if not frames.patterns.complementary:
+        levels = given.levels((steps[0].copy_to_host(), steps[1].copy_to_host()))
+    if any(levels):
+        coarse = _decode_all(given, stack, levels, steps, contrast)
+    if coarse:  # surfaces are followed from pixel to pixel: no work for a card
+        held = [each.copy_to_host() for each in steps]
+        refuse_strays(*held)
+        steps = up(held[0]), up(held[1])
+    return Steps(stack, steps, given.axes, levels, contrast)
+
+
+def _decode_all(
+    given: GrayPass, stack: OnCard, levels: tuple[float, float], steps: tuple[OnCard, OnCard], contrast: OnCard
+) -> int:
+    """As `decode.decode_steps`."""
+    rows, columns = contrast.shape
+    size, depth = rows * columns, given.frames.stack.itemsize
+    white, black, plus, minus, bits, share, limits = given.numbers
     halves = int(minus[0, 0] < 0 and minus[1, 0] < 0)
-    axes = [_axis_cells(frames.patterns, axis) for axis in AXES]
-    numbers = np.array([(axis.lowest, axis.highest) if axis else (0, 0) for axis in axes])
-    size = rows * columns
-    steps = empty(size, np.uint16), empty(size, np.uint16)
-    contrast, doubts = empty(size, np.uint8), empty(size, np.uint8)
+    ends = ends_of(levels)
+    numbers = np.array([(axis.lowest, axis.highest) if axis else (0, 0) for axis in given.axes])
+    doubts = empty(size, np.uint8)
     plain, inverse, groups = _in_groups(white, black, plus, minus, bits)
     launch(
-        _decode, size, stack.reshape(len(flat), size), white, black, up(plain), up(inverse), up(groups),
-        int(share[0] >> halves), limits[0] >> halves, limits[1], 8 * (flat.itemsize - 1), up(numbers),
-        steps[0], steps[1], contrast, doubts,
+        _decode, size, stack.reshape(len(given.stack), size), white, black, up(plain), up(inverse), up(groups),
+        int(share[0] >> halves), up(ends), limits[0] >> halves, limits[1], 8 * (depth - 1), up(numbers),
+        steps[0].reshape(size), steps[1].reshape(size), contrast.reshape(size), doubts,
     )  # fmt: skip
-    found = steps[0].reshape(rows, columns), steps[1].reshape(rows, columns)
     changed = clear(1, np.int32)
     for n in range(2):
         if bits[n] > 1:
             launch(
                 _fall_back, rows // TILE * (columns // TILE) + columns // TILE, stack, white, black, up(plus[n]),
-                up(minus[n]), int(bits[n]), int(share[0]), limits, up(numbers[n]), n,
-                doubts.reshape(rows, columns), found[n], changed,
+                up(minus[n]), int(bits[n]), int(share[0]), int(ends[n]), limits, up(numbers[n]), n,
+                doubts.reshape(rows, columns), steps[n], changed,
             )  # fmt: skip
-    if changed.copy_to_host()[0]:  # surfaces are followed from pixel to pixel: no work for a card
-        held = [each.copy_to_host() for each in found]
-        refuse_strays(*held)
-        found = up(held[0]), up(held[1])
-    return Steps(stack, found, (axes[0], axes[1]), contrast.reshape(rows, columns))
+    return int(changed.copy_to_host()[0])
 
 
 def _in_groups(white: int, black: int, plus: Any, minus: Any, bits: Any) -> tuple[Any, Any, Any]:
@@ -79,7 +92,22 @@ def _in_groups(white: int, black: int, plus: Any, minus: Any, bits: Any) -> tupl
 
 @kernel
 def _decode(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
-    stack, white, black, plain, inverse, groups, share, floor, least, shift, numbers, column, row, contrast, doubts
+    stack,
+    white,
+    black,
+    plain,
+    inverse,
+    groups,
+    share,
+    ends,
+    floor,
+    least,
+    shift,
+    numbers,
+    column,
+    row,
+    contrast,
+    doubts,
 ):
     """As `kernels.decode_gray`; `doubts` has two bits per axis: certain of the coarse bits, and not of the finest."""
     top = (256 << shift) - 1
@@ -88,9 +116,9 @@ def _decode(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
         swing = max(w - b, 0)
         limit = max((swing * share) >> 8, floor) if swing >= least else top
         contrast[n] = np.uint8(swing >> shift)
-        middle = (w + b) >> 1
         flags = 0
         for axis in range(2):
+            middle = b + ((ends[axis] * swing) >> 8)
             word, doubt = 0, 0
             for bit in range(GROUP * groups[axis]):
                 p, q = np.int32(stack[plain[axis, bit], n]), middle
@@ -101,7 +129,7 @@ def _decode(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
             step = np.uint16(NO_CELL)
             if groups[axis] > 0:
                 low, high = numbers[axis, 0], numbers[axis, 1]
-                step = _half_step(np.uint16(word), np.uint16(doubt), np.uint16(low), np.uint16(high - low))
+                step = half_step(np.uint16(word), np.uint16(doubt), np.uint16(low), np.uint16(high - low))
                 if (doubt >> GROUP) & (2**GROUP - 1) == 0:
                     flags |= (1 + 2 * (doubt & 1)) << (2 * axis)
             if axis == 0:
@@ -113,7 +141,7 @@ def _decode(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
 
 @kernel
 def _fall_back(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
-    stack, white, black, plus, minus, bits, share, limits, numbers, axis, doubts, steps, changed
+    stack, white, black, plus, minus, bits, share, end, limits, numbers, axis, doubts, steps, changed
 ):
     """`fallback.fall_back` of one tile; the rows that are counted are those that the CPU counts."""
     rows, columns = steps.shape
@@ -137,7 +165,7 @@ def _fall_back(  # type: ignore[no-untyped-def]  # a kernel: numba infers the ty
         if tile % across == across - 1:
             right = columns
         found = fall_back(
-            stack[:, top:bottom, left:right], white, black, plus, minus, bits, share, limits, numbers, words,
+            stack[:, top:bottom, left:right], white, black, plus, minus, bits, share, end, limits, numbers, words,
             steps[top:bottom, left:right],
         )  # fmt: skip
         if found > 0:

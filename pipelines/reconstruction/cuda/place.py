@@ -10,11 +10,11 @@ from ..edge_kernels import REACH, _crossings, _edges_between, levels_of
 from ..frames import Frames
 from ..kernels import NO_CELL
 from ..light import read_light
-from ..patterns import AXES
+from ..line_pictures import line_pictures, raster
 from ..pixel_maps import Decoded
 from ..scatter_kernels import LINES, TILE, _add_bend, _limit, _root, _second, _sum_of, _unexplained, _usual, lags_across
-from ..subpixel import RUNS, line_pictures, raster, shared_by, telling_lines
-from ..threshold import edge_levels
+from ..subpixel import RUNS, shared_by, telling_lines
+from ..threshold import tilt_of
 from .card import OnCard, cached, clear, empty, kernel, launch, up
 from .gray import Steps
 
@@ -48,7 +48,7 @@ def place(frames: Frames, found: Steps) -> Placed:
         if cells is None:
             launch(_nowhere, size, fine.reshape(size), spread.reshape(size))
         else:
-            _between_edges(frames, found, axis, cells, light.noise, light.tilt[axis], fine, spread)
+            _between_edges(frames, found, axis, cells, light.noise, tilt_of(axis, found.levels, light), fine, spread)
             launch(_levels, size, found.steps[axis].reshape(size), level)
         places.append((fine, spread))
     return Placed(places[0][0], places[1][0], places[0][1], places[1][1], level.reshape(shape))
@@ -68,8 +68,6 @@ def _between_edges(
     rows, columns = raster(steps.shape)
     coarse = empty((-(-steps.shape[0] // rows), -(-steps.shape[1] // columns)), np.uint16)
     launch(_sample, coarse.size, steps, rows, columns, coarse)
-    if not frames.patterns.complementary:
-        tilt = edge_levels(frames, AXES[axis], cells, steps.copy_to_host())
     down, given, reach = line_pictures(frames, frames.stack, axis, cells, coarse.copy_to_host(), noise, tilt)
     of_patterns = given.plus, given.minus, given.edge, given.centre, given.width
     plus, minus, edge, centre, width = cached((frames.patterns, axis), lambda: [up(each) for each in of_patterns])

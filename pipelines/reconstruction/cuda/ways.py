@@ -16,11 +16,12 @@ from ...instant import Instant
 from ...scan import Scan
 from ..decode import decode
 from ..frames import Frames
-from ..height_doubt import doubt_mm, doubt_on
+from ..height_doubt import doubt_mm, doubt_of_cells
 from ..light import frame_of
 from ..pixel_maps import Decoded, PointMap
 from ..reconstruct import check_projector
 from ..rig_model import Calibration
+from ..smooth_cells import reach_of, tell_smooth
 from ..surface import SHARED, _usual, stripe_px, stripe_raster
 from ..surface import _stripe_px as stripe_px_of
 from ..triangulate_parallel import triangulate_parallel
@@ -149,10 +150,12 @@ def _gridded(
 ) -> Scan:
     laid = lay(planes, calibration, grid, background=background)
     shared = max(1.0, SHARED * stripe)
-    height, sigma, light, coarsest = fill_cells(laid, texture, level, grid, _usual(calibration, grid), shared)
-    add_doubt(sigma, doubt_on(grid, calibration), 1.0)
-    back = [each.copy_to_host() for each in (height, sigma, light, coarsest)]
-    return Scan(grid, time, back[0], back[1], back[2], back[3], calibration.id)
+    usual = _usual(calibration, grid)
+    filled = fill_cells(laid, texture, level, grid, usual, shared)
+    height, sigma, light, coarsest = (each.copy_to_host() for each in filled)
+    tell_smooth(height, sigma, reach_of(stripe, usual))
+    doubt_of_cells(sigma, grid, calibration)
+    return Scan(grid, time, height, sigma, light, coarsest, calibration.id)
 
 
 def _texture(frames: Frames) -> npt.NDArray[np.uint8]:

@@ -39,13 +39,14 @@ def take(view: View, patterns: PatternSet, *, dtype: type = np.uint8, gain: floa
     images = patterns.images().astype(np.float64) / 255
     frames = []
     column, row = np.rint(view.column).astype(int), np.rint(view.row).astype(int)
-    for image in images:
+    for image, role in zip(images, patterns.roles, strict=True):
         if view.blur_px:
-            from scipy.ndimage import gaussian_filter, map_coordinates
+            from scipy.ndimage import gaussian_filter1d
 
-            # drawn four times finer, so that a pixel is a square before it is blurred
-            fine = gaussian_filter(np.kron(image, np.ones((4, 4))), 4 * view.blur_px, mode="nearest")
-            seen = map_coordinates(fine, [4 * view.row + 1.5, 4 * view.column + 1.5], order=1, mode="nearest")
+            # patterns vary along one axis; drawn four times finer, so that a pixel is a square before it is blurred
+            line, at = (image[:, 0], view.row) if role.axis == "rows" else (image[0], view.column)
+            fine = gaussian_filter1d(np.repeat(line, 4), 4 * view.blur_px, mode="nearest")
+            seen = np.interp(4 * at + 1.5, np.arange(fine.size), fine)
         else:
             seen = image[row, column]
         lamp = 1 + view.flicker * rng.standard_normal()

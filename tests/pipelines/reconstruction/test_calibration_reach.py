@@ -15,7 +15,7 @@ from pipelines.reconstruction.board_check import corner_points
 from pipelines.reconstruction.bundle import Solution, adjust
 from pipelines.reconstruction.calibration_sigma import parameter_sigma
 from pipelines.reconstruction.corner_evidence import Fit
-from pipelines.reconstruction.height_doubt import doubt_mm, doubt_of_cells, narrowed, with_doubt
+from pipelines.reconstruction.height_doubt import add_rows, doubt_mm, doubt_of_cells, with_doubt
 from pipelines.reconstruction.pinhole import Floats, project, rotation, rotation_vector
 from pipelines.reconstruction.pose_spread import copies, covered_share
 from pipelines.reconstruction.sight import on_plane
@@ -158,7 +158,9 @@ def test_sigma_of_points_and_cells_holds_the_map_which_no_mean_makes_less() -> N
     decoded, _ = see(rig, flat_site)
     points = triangulate(decoded, rig)
     bare = triangulate(decoded, replace(rig, sigma=None))
-    assert narrowed(points, rig).sigma_z[bare.valid] == pytest.approx(bare.sigma_z[bare.valid], rel=2e-3)
+    without = np.empty_like(points.sigma_z)
+    add_rows(points.sigma_z, doubt_mm(rig), -1.0, without, 0, len(without))
+    assert without[bare.valid] == pytest.approx(bare.sigma_z[bare.valid], rel=2e-3)
     coarse = doubt_mm(rig)
     assert points.sigma_z[0, 0] == pytest.approx(np.hypot(bare.sigma_z[0, 0], coarse[0, 0]), rel=1e-4)
     grid = Grid(20, 30, 0.4, -5.8, -3.8)

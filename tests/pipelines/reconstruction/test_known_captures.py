@@ -30,7 +30,7 @@ from pipelines.reconstruction import (
     triangulate,
 )
 from pipelines.reconstruction.calibration import Mirrored, find_corners
-from pipelines.reconstruction.height_doubt import bow_mm, narrowed
+from pipelines.reconstruction.height_doubt import bow_mm
 from pipelines.reconstruction.pinhole import undistort
 from pipelines.reconstruction.projector_corners import CornerMethod, inside, lattice_of, outline
 from storage import read_capture, read_patterns
@@ -98,7 +98,7 @@ def test_real_board(real: list[Decoded], method: CornerMethod) -> None:
         # all of sigma, from both sides. That would hide a wrong sigma of decoding, so what is left within 41 px, where
         # the calibration's part is even, is judged by that alone: unlike the whole it is of many errors, not of one.
         local = (bent - smooth(bent, 41))[rows, columns]
-        chi = robust_sd(local / narrowed(points, rig).sigma_z[rows, columns])
+        chi = robust_sd(local / triangulate(decoded, replace(rig, sigma=None)).sigma_z[rows, columns])
         sd, said = robust_sd(distance), float(np.median(points.sigma_z[rows, columns]))
         print(f"  plane sd {sd:.3f} mm, sigma_z says {said:.3f} mm; within 41 px error over sigma {chi:.2f}")
         assert sd < 1.5

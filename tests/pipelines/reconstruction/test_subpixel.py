@@ -7,13 +7,9 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 import pytest
-from scipy.ndimage import gaussian_filter, map_coordinates
 
 from pipelines import Frames, PatternSet, parse_instant
-from pipelines.reconstruction import decode, refine, subpixel
-from pipelines.reconstruction.codebook import MAX_BITS
-
-from .synthetic_capture import slanted
+from pipelines.reconstruction import decode, refine
 
 Floats = npt.NDArray[np.float64]
 NOON = parse_instant("2026-11-22T12:00:00Z")
@@ -64,44 +60,6 @@ def test_sigma_grows_with_noise_and_stays_where_no_edge_is() -> None:
     a, b = (refine(frames, decode(frames)) for frames, _, _ in (quiet, loud))
     assert np.nanmedian(b.sigma_column) > 1.3 * np.nanmedian(a.sigma_column)
     assert a.sigma_column[:, 0] == pytest.approx(decode(quiet[0]).sigma_column[:, 0])
-
-
-def white_looks_wider(patterns: PatternSet, gamma: float) -> tuple[Frames, Floats]:
-    """What a camera sees of stripes that blur, then gamma, make unequal: frames and true column."""
-    view, random, seen = slanted(70, 260, patterns.size), np.random.default_rng(0), []
-    for image in patterns.images().astype(np.float64) / 255:
-        wide = gaussian_filter(np.kron(image, np.ones((4, 4))), 2.4, mode="nearest") ** (1 / gamma)
-        wide = gaussian_filter(wide, 1.2, mode="nearest")
-        value = map_coordinates(wide, [4 * view.row + 1.5, 4 * view.column + 1.5], order=1, mode="nearest")
-        seen.append(np.rint(12 + 160 * value + 0.5 * random.standard_normal(value.shape)))
-    return Frames(np.clip(np.stack(seen), 0, 255).astype(np.uint8), NOON, patterns), view.column
-
-
-def alternating_bias(frames: Frames, column: Floats, level: bool) -> float:
-    """Largest mean error of the columns of one kind of cell, of four that alternate; px."""
-    with pytest.MonkeyPatch.context() as patch:
-        if not level:
-            patch.setattr(subpixel, "edge_levels", lambda *_: np.zeros(MAX_BITS, np.float32))
-        error = refine(frames, decode(frames)).column - column
-    kind = np.floor(column + 0.5).astype(int) % 4
-    error[:, [*range(4), *range(-4, 0)]] = np.nan
-    return max(abs(float(np.nanmean(error[kind == n]))) for n in range(4))
-
-
-@pytest.mark.parametrize("gamma", [1.0, 1.8])
-def test_white_that_looks_wider_moves_no_edge_of_pairs(gamma: float) -> None:
-    frames, column = white_looks_wider(PatternSet("gray", (200, 150), bits=(8, 8)), gamma)
-    assert alternating_bias(frames, column, level=True) < 0.02
-
-
-def test_without_inverses_the_level_of_the_edges_is_measured() -> None:
-    frames, column = white_looks_wider(PatternSet("gray", (200, 150), bits=(8, 8), complementary=False), 1.8)
-    before, after = (alternating_bias(frames, column, level) for level in (False, True))
-    print(f"gamma 1.8 without inverses: alternating bias of columns {before:.3f} px at the mean level, now {after:.3f}")
-    assert before > 0.1
-    assert after < before / 4
-    even, column = white_looks_wider(PatternSet("gray", (200, 150), bits=(8, 8), complementary=False), 1.0)
-    assert alternating_bias(even, column, level=True) < 0.005
 
 
 def test_phase_is_left_alone() -> None:
