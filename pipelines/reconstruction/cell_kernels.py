@@ -28,8 +28,6 @@ def conclude(total, cover, deepest, rim, pitch, shared, wide, height, sigma, tex
 
     Heights are moved to the cell's centre along its slope. Of the relief in a cell, noise explains a part, and the
     cell's slope another. What lies in the part of a cell that is not seen is as far from its mean as what is seen.
-    Where no point lies at a border and the cell is flat within noise, only the raster of the pixels leaves a part out:
-    the slope goes on there.
     Where all of it is seen, each point stands for the middle of its share: the mean of n is off by 1 / sqrt(12 n) of
     what no slope explains.
 
@@ -55,7 +53,6 @@ def conclude(total, cover, deepest, rim, pitch, shared, wide, height, sigma, tex
     lights, firsts, inners = total[LIGHT], total[FIRST], total[INNER]
     apart, unit, side = np.float32(shared), np.float32(pitch / (OFFSET * FINE)), np.float32(pitch)
     one, zero, nan, sampled = np.float32(1), np.float32(0), np.float32(np.nan), np.float32(1 / 12)
-    none = np.uint8(0)
     own_cover = zero if wide else one  # inner pixels of a fine grid are in `cover` already
     for n in range(height.size):
         weight, count = read(weights, n), read(counts, n)
@@ -73,8 +70,7 @@ def conclude(total, cover, deepest, rim, pitch, shared, wide, height, sigma, tex
         bent = max(relief - steep * side * side / np.float32(12), zero)
         inner = read(inners, n)
         unseen = max(one - inner, zero)
-        lost = relief if (read(rim, n) > none) | (bent > own) else bent
-        variance = own / (worth * worth) + lost * unseen * unseen + bent * sampled / count
+        variance = own / (worth * worth) + relief * unseen * unseen + bent * sampled / count
         borrowed = aside * share
         spread = np.sqrt(borrowed if lent else variance)
         covered = lent | (read(cover, n) + own_cover * inner >= HALF)

@@ -246,8 +246,7 @@ def _fill(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
         seen = max(sums[SQUARE, 0] * share - mean * mean - own, zero)
         bent = max(seen - steep * np.float32(pitch) * np.float32(pitch) / np.float32(12), zero)
         unseen = max(one - sums[INNER, 0], zero)
-        lost = seen if rim > 0 or bent > own else bent
-        spread = np.sqrt(own / (worth * worth) + lost * unseen * unseen + bent * sampled / count)
+        spread = np.sqrt(own / (worth * worth) + seen * unseen * unseen + bent * sampled / count)
         area = np.float32(area + (zero if wide else sums[INNER, 0]))
         sigma[row + 1, column] = spread if area >= HALF else -spread
         texture[row + 1, column] = np.uint8(sums[LIGHT, 0] / count)
