@@ -39,6 +39,8 @@ class Visit:
         The device was not there.
     crowded : bool
         The disk had no room.
+    taken_at : Instant or None
+        When the frames were taken.
     """
 
     planned: Instant
@@ -49,6 +51,7 @@ class Visit:
     cause: str = ""
     unavailable: bool = False
     crowded: bool = False
+    taken_at: Instant | None = None
     timings: Timings = NO_TIMINGS
     measured: Any = None
     begins: bool = False

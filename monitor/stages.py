@@ -112,7 +112,7 @@ class Stages:
         """From frames to a height map; then nobody needs the frames, unless they are kept."""
         if not isinstance(item, Visit) or item.frames is None:
             return
-        began = time.perf_counter()
+        began, item.taken_at = time.perf_counter(), item.frames.time
         try:
             item.measured = self.work.reconstruct(item.frames, self.recipe)
         except ValueError as error:  # CaptureError is one
@@ -164,8 +164,7 @@ class Stages:
         self._commits.flush_before(self.slots.after(planned))
 
     def _judge(self, item: Visit) -> None:
-        taken = item.measured.scan.time
-        air = self.reading.at(taken) if self.reading is not None else {}
+        air = self.reading.at(item.taken_at) if self.reading is not None and item.taken_at is not None else {}
         epoch = replace(self._epoch, watches=self._watches, air=air) if self._epoch is not None else None
         try:
             result = self.work.compare(item.measured, self.recipe, epoch, item.planned)
