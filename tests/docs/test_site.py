@@ -99,7 +99,8 @@ def unknown_keys(
         elif isinstance(value, dict) and "properties" in choice:
             for key, inner in value.items():
                 if key not in choice["properties"]:
-                    yield where, key, list(choice["properties"])
+                    if choice.get("additionalProperties") is False:
+                        yield where, key, list(choice["properties"])
                 else:
                     yield from unknown_keys(inner, choice["properties"][key], parts, f"{where}{key}.")
 
