@@ -16,6 +16,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 TESTS = "tests/pipelines"
+TESTS_FAILED = 1
+"""How pytest ends where it ran and a test failed."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,7 @@ PROOFS = (
 
 
 def main(arguments: Sequence[str] = tuple(sys.argv[1:])) -> int:
-    """Run every proof and write the page; nothing is written where one fails."""
+    """Run every proof and write the page; where a bar is not held, the page says so."""
     page = Path(arguments[0])
     parts = [
         "# How exact it is",
@@ -113,10 +115,13 @@ def printed(proof: Proof) -> str:
     pytest = [sys.executable, "-m", "pytest", "-q", "-n0", "-s", "--no-header", "--color=no"]
     run = [*pytest, *words] if proof.command.startswith("pytest") else [sys.executable, "-m", *words]
     done = subprocess.run(run, cwd=ROOT, capture_output=True, text=True)
-    if done.returncode:
-        sys.exit(f"{proof.command} failed:\n{done.stdout[-3000:]}{done.stderr[-3000:]}")
-    lines = [re.sub(r"^[.sxX]+(?=\S)", "", line.rstrip()) for line in done.stdout.splitlines()]
-    return "\n".join(line for line in lines if line and not re.fullmatch(r"[.sxX]+( +\[ *\d+%\])?", line))
+    if done.returncode not in (0, TESTS_FAILED):
+        sys.exit(f"{proof.command} did not run:\n{done.stdout[-3000:]}{done.stderr[-3000:]}")
+    figures, _, failures = done.stdout.partition("= FAILURES =")
+    lines = [re.sub(r"^[.FsxX]+(?=\S)", "", line.rstrip("= ")) for line in figures.splitlines()]
+    missed = re.findall(r"^(?:FAILED .*|E +assert .*)", failures, flags=re.M)
+    shown = [line for line in lines if line and not re.fullmatch(r"[.FsxX]+( +\[ *\d+%\])?", line)]
+    return "\n".join([*shown, *(f"BAR NOT HELD: {line.removeprefix('E').strip()}" for line in missed)])
 
 
 if __name__ == "__main__":

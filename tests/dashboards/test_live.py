@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import signal
+import time
 import warnings
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -28,12 +30,23 @@ def receiver(file: Path) -> Iterator[str]:
     try:
         wait_until_listening(program, port)
         yield f"rerun+http://{LOCAL}:{port}/proxy"
+        wait_until_written(file)
     finally:
         program.send_signal(signal.SIGINT)
         try:
             program.wait(10)
         finally:
             end(program)
+
+
+def wait_until_written(file: Path) -> None:
+    """Until the file no longer grows: what was received is dropped by a program that is told to end."""
+    sizes: deque[int] = deque(maxlen=8)
+    for _ in range(100):
+        sizes.append(file.stat().st_size if file.exists() else 0)
+        if len(sizes) == sizes.maxlen and len(set(sizes)) == 1:
+            return
+        time.sleep(0.1)
 
 
 def logged(file: Path) -> dict[str, list[int]]:
