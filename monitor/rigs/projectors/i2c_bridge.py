@@ -55,7 +55,10 @@ class I2CBridge:
             self._get_bus()
         except self._errors as error:
             self._held.close()
-            raise DeviceUnavailable(f"the DLP3010EVM-LC cannot be opened: {error}") from None
+            raise DeviceUnavailable(
+                "the DLP3010EVM-LC cannot be opened: look at its power and USB cable, and whether this user may use it "
+                f"({error})"
+            ) from None
         except BaseException:
             self._held.close()
             raise
