@@ -72,7 +72,7 @@ PROOFS = (
     ),
     Proof(
         "Cracks on surfaces that nothing was tuned to",
-        "Truth: masks, lengths, widths and volumes of surfaces in closed form, of seeds that were used for nothing else.",
+        "Truth: masks, lengths, widths and volumes of surfaces in closed form, seeds used for nothing else.",
         f"{TESTS}/change/test_unseen_cracks.py",
     ),
     Proof("Plates", "Truth: warps in closed form.", f"{TESTS}/change/test_plates.py"),
