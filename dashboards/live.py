@@ -6,7 +6,6 @@ import threading
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -24,9 +23,6 @@ from .metric_names import trend_groups
 from .record import layout_of
 from .scales import choose_scales, sample, still_fit
 from .visits import Visit
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = ["LiveReview"]
 

@@ -43,7 +43,6 @@ html_theme_options = {
     "show_version_warning_banner": False,
 }
 html_sidebars: dict[str, list[str]] = {"index": []}
-templates_path: list[str] = []
 
 
 def setup(app: Sphinx) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import json
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -12,11 +14,16 @@ import numpy.typing as npt
 from configs import InputError
 from pipelines import Scan
 from pipelines.change import Comparison
-from storage import Store, open_store
+from storage import Store, open_store, write_series
 
 from .progress import Progress
 
-__all__ = ["compared_scans", "counted_cells", "following", "laid_scans", "scans_as_taken"]
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["compared_scans", "counted_cells", "following", "give", "laid_scans", "scans_as_taken"]
+
+Found = TypeVar("Found")
 
 
 @contextmanager
@@ -81,3 +88,25 @@ def compared_scans(store: Store, step: Progress) -> Iterator[Comparison]:
             change = difference(moved, baseline, motion, store.about.noise)
             yield Comparison(baseline, moved, change, ~counts, counts, store.about.noise)
         step(number + 1, len(store))
+
+
+def give(
+    found: Found,
+    out: Path | None,
+    *,
+    as_json: bool,
+    table: Callable[[Found], pd.DataFrame],
+    mapping: Callable[[Found], object],
+    lines: Callable[[Found], list[str]],
+) -> None:
+    """Write what was followed as a table where that is wanted, and print it: as JSON, or in words."""
+    rows = None
+    if out is not None:
+        rows = table(found)
+        write_series(rows, out)
+    if as_json:
+        print(json.dumps(mapping(found), indent=1))
+        return
+    print("\n".join(lines(found)))
+    if rows is not None:
+        print(f"wrote {out}: {len(rows)} rows")

@@ -277,7 +277,7 @@ def _write(
         )
         notes = (*(said or (begins,)), *notes)
     finding = Finding(scan) if chosen else remade.finding
-    result = judged(finding, rules.alarms, watches, remade.planned, notes, environment=rules.environment, air=air)
+    result = judged(finding, rules, watches, remade.planned, notes, air=air)
     tick = replace(result.tick, calibration=remade.calibration, metrics={**result.tick.metrics, **air})
     outcome = (
         remade.outcome if remade_heights or not remade.outcome.startswith("frames") else "frames give no height map"

@@ -228,7 +228,7 @@ def compared(capture: Measured, recipe: Recipe, epoch: Epoch | None, planned: In
     near = epoch.near if epoch is not None and recipe.follow else None
     finding = compare_with(baseline, capture.scan, recipe, near)
     before, air = (epoch.watches, epoch.air) if epoch is not None else ({}, {})
-    result = judged(finding, recipe.alarms, before, planned, capture.notes, environment=recipe.environment, air=air)
+    result = judged(finding, recipe, before, planned, capture.notes, air=air)
     kept, since = capture.frames, None
     if kept is not None and recipe.frames_for is not None:
         since = kept.time - recipe.frames_for
@@ -264,20 +264,19 @@ def compare_with(baseline: Scan | None, scan: Scan, rules: Rules, near: Motion |
 
 def judged(
     finding: Finding,
-    alarms: tuple[Alarm, ...],
+    rules: Rules,
     before: Watches,
     planned: Instant,
     notes: tuple[Event, ...] = (),
     *,
-    environment: Environment | None = None,
     air: Mapping[str, Measurement] = NO_AIR,
 ) -> Yield:
     """Judge the alarms of a scan and say what happened; `before` is what they remember, `air` what was read beside."""
-    scan, change, metrics = finding.scan, finding.change, finding.metrics
+    scan, change, metrics, alarms = finding.scan, finding.change, finding.metrics, rules.alarms
     motion = change.motion if change is not None else None
     verdict, reason = (motion.verdict, motion.reason) if motion is not None else ("", "")
     seen = Seen(scan.time, verdict, {**metrics, **air}, reason)
-    watches = after_scan(alarms, before, seen, environment)
+    watches = after_scan(alarms, before, seen, rules.environment)
     events = tuple(each.event for each in told(alarms, before, watches, scan.time, seen))
     cause = f"registration failed: {reason}" if verdict == "failed" else ""
     if cause:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,9 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from pipelines import format_instant
-from storage import write_series
 
-from ..following import counted_cells, following, laid_scans
+from ..following import counted_cells, following, give, laid_scans
 from ..progress import progress
 
 if TYPE_CHECKING:
@@ -75,14 +73,7 @@ def cracks(
     with following(store, 1, "so there is no crack to follow") as opened, progress("following cracks") as step:
         region = counted_cells(opened)
         found = [_told(sightings) for sightings in follow_cracks(laid_scans(opened, step), region=region)]
-    if out is not None:
-        write_series(_table(found), out)
-    if as_json:
-        print(json.dumps(_mapping(found), indent=1))
-        return 0
-    print("\n".join(_lines(found)))
-    if out is not None:
-        print(f"wrote {out}: {sum(len(scan['cracks']) for scan in found)} rows")
+    give(found, out, as_json=as_json, table=_table, mapping=_mapping, lines=_lines)
     return 0
 
 

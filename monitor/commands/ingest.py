@@ -230,7 +230,7 @@ def _kept(
     notes = (Event(scan.time, "note", f"imported from {file.name}"),)
     finding = compare_with(baseline, scan, rules)
     air = reading.at(scan.time) if reading is not None else {}
-    result = judged(finding, rules.alarms, watches, scan.time, notes, environment=rules.environment, air=air)
+    result = judged(finding, rules, watches, scan.time, notes, air=air)
     number = store.append(reading.beside(result.tick) if reading is not None else result.tick)
     rejected = f", not compared: {result.cause}" if result.cause else ""
     return f"committed scan {number} {format_instant(scan.time)} from {file}{rejected}", result.watches

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,9 +10,8 @@ from cyclopts import Parameter
 
 from configs import InputError
 from pipelines import format_instant
-from storage import write_series
 
-from ..following import compared_scans, following
+from ..following import compared_scans, following, give
 from ..progress import progress
 
 if TYPE_CHECKING:
@@ -61,14 +59,7 @@ def plates(
         found = list(follow_plates(compared_scans(opened, step)))
     if not found:
         raise InputError(f"{store}: no scan was laid on a baseline, so there is no plate to follow")
-    if out is not None:
-        write_series(_table(found), out)
-    if as_json:
-        print(json.dumps(_mapping(found), indent=1))
-        return 0
-    print("\n".join(_lines(found)))
-    if out is not None:
-        print(f"wrote {out}: {sum(len(scan.plates) for scan in found)} rows")
+    give(found, out, as_json=as_json, table=_table, mapping=_mapping, lines=_lines)
     return 0
 
 

@@ -29,8 +29,12 @@ class Proof:
     run: str
 
     @property
+    def is_test(self) -> bool:
+        return self.run.startswith("tests/")
+
+    @property
     def command(self) -> str:
-        return f"pytest -n0 -s {self.run}" if self.run.startswith(("tests/", "-m ")) else f"python -m {self.run}"
+        return f"pytest -n0 -s {self.run}" if self.is_test else f"python -m {self.run}"
 
 
 PROOFS = (
@@ -113,7 +117,7 @@ def printed(proof: Proof) -> str:
     """Run one proof and give the lines that it printed, less those of pytest."""
     words = proof.run.split()
     pytest = [sys.executable, "-m", "pytest", "-q", "-n0", "-s", "--no-header", "--color=no"]
-    run = [*pytest, *words] if proof.command.startswith("pytest") else [sys.executable, "-m", *words]
+    run = [*pytest, *words] if proof.is_test else [sys.executable, "-m", *words]
     done = subprocess.run(run, cwd=ROOT, capture_output=True, text=True)
     if done.returncode not in (0, TESTS_FAILED):
         sys.exit(f"{proof.command} did not run:\n{done.stdout[-3000:]}{done.stderr[-3000:]}")

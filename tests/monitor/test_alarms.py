@@ -141,14 +141,14 @@ class Bench:
             raise ValueError("too dark")
         scan = scan_at(frames.time)
         if epoch is None:
-            return judged(VisitFinding(scan), recipe.alarms, {}, planned)
+            return judged(VisitFinding(scan), recipe, {}, planned)
         doubt = now if isinstance(now, str) else ""
         motion = Motion(np.eye(4), 0.001, 0.9, 0.5, 0.001, 0.001, "doubtful" if doubt else "good", doubt)
         nothing = np.zeros(SMALL.shape, np.float32)
         change = Change(SMALL, epoch.baseline.time, nothing, nothing, motion)
         value = 9.0 if isinstance(now, str) else now
         finding = VisitFinding(scan, change, {"net_volume": Measurement(value, 0.1)})
-        return judged(finding, recipe.alarms, epoch.watches, planned)
+        return judged(finding, recipe, epoch.watches, planned)
 
     def told(self) -> list[str]:
         return [event.text for event in open_store(self.path).events if event.kind == "alarm"]
