@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from pathlib import Path
 from uuid import uuid4
 
 import pytest
+import structlog
 
 from . import s3_servers
 
@@ -20,6 +22,19 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"needs the captures with known answers in {folder.relative_to(ROOT.parent)} beside the checkout")
     return folder
+
+
+@pytest.fixture(autouse=True)
+def log_as_found() -> Iterator[None]:
+    """A command run inside a test sends the log to that test's standard error, which is gone in the next."""
+    yield
+    logger = logging.getLogger("microrelief")
+    for handler in logger.handlers:
+        handler.close()
+    logger.handlers.clear()
+    logger.propagate = True
+    logger.setLevel(logging.NOTSET)
+    structlog.reset_defaults()
 
 
 @pytest.fixture(scope="session")

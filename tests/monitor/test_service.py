@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import logging
 import shutil
 import socket
 import subprocess
@@ -93,20 +92,8 @@ def test_without_systemd_nobody_is_told(monkeypatch: pytest.MonkeyPatch) -> None
     assert not tell_systemd("READY=1")
 
 
-@pytest.fixture
-def quiet_again() -> Iterator[None]:
-    logger = logging.getLogger("microrelief")
-    before = logger.handlers[:], logger.propagate, logger.level
-    yield
-    for handler in logger.handlers:
-        handler.close()
-    logger.handlers[:], logger.propagate = before[0], before[1]
-    logger.setLevel(before[2])
-    structlog.reset_defaults()
-
-
 def test_the_log_is_json_where_asked_and_the_file_rotates(
-    quiet_again: None, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(monitor.log, "FILE_BYTES", 600)
     file = tmp_path / "logs" / "run.jsonl"
