@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import timedelta
 from pathlib import Path
 from typing import Literal, Self
 
@@ -22,6 +23,11 @@ class Reports(Settings):
     )
     on_alarm: bool = Field(
         default=False, strict=True, description="Write one when an alarm goes off, or has no data any more."
+    )
+    alarm_rest: Duration = Field(
+        default=timedelta(hours=6),
+        validate_default=True,
+        description="Least time between two reports on alarms; what goes off meanwhile is in one when it is over.",
     )
     out: FolderPath = Field(
         default=Path("reports"),

@@ -7,8 +7,10 @@ import subprocess
 import sys
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
-from datetime import date, datetime, time, timedelta
+from datetime import UTC, date, datetime, time, timedelta
+from pathlib import Path
 from typing import Any, Protocol
 from zoneinfo import ZoneInfo
 
@@ -27,6 +29,8 @@ _log = structlog.get_logger("microrelief.reporter")
 _WRITTEN = (0, 3)
 """Exit codes of `microrelief report` that come with a report; 3 says that an alarm stands."""
 _PATIENCE_S = 600.0
+ON_ALARM = "%Y-%m-%dT%H%MZ-alarm"
+"""Name of a report on alarms, by its slot, UTC."""
 
 
 class Writing(Protocol):
@@ -70,6 +74,8 @@ class Reporter:
         The newest scan's time when the run began; None in an empty store.
     start : callable
         Starts ``microrelief`` with these words.
+    reported : datetime or None
+        Slot of the newest report on alarms.
     """
 
     settings: Reports
@@ -77,7 +83,9 @@ class Reporter:
     zone: ZoneInfo
     last: Instant | None = None
     start: Callable[[Sequence[str]], Writing] = _start
+    reported: datetime | None = None
     _due: deque[tuple[str, list[str]]] = field(default_factory=deque)
+    _alarmed: Instant | None = None
     _running: tuple[str, Writing] | None = None
 
     def settled(self, settled: Settled) -> Sequence[str]:
@@ -91,18 +99,30 @@ class Reporter:
                 self._ask(before, end - timedelta(microseconds=1))
         alarms = alarm_changes(tick.events) if tick is not None else ()
         if self.settings.on_alarm and any(change.after in ("alarm", "no data") for change in alarms):
-            self._ask(f"{as_datetime(settled.planned):%Y-%m-%dT%H%MZ}-alarm", None)
+            self._alarmed = settled.planned
+        if self._alarmed is not None and self._rested(settled.planned):
+            self._ask_for_alarms(settled.planned)
         if settled.number is not None or (self.last is not None and self.settings.every is not None):
             self.last = settled.planned
         return [*notes, *self._go_on()]
 
     def close(self) -> None:
-        """Let the reports that are due be finished."""
+        """Let the reports that are due be finished; alarms that waited for one have it now."""
+        if self._alarmed is not None:
+            self._ask_for_alarms(self._alarmed)
         while self._running is not None or self._due:
             if self._running is not None:
                 self._running[1].communicate(timeout=_PATIENCE_S)
             for note in self._go_on():
                 _log.info(note)
+
+    def _rested(self, now: Instant) -> bool:
+        """Whether the newest report on alarms is old enough: an alarm that flaps would else have one for each flap."""
+        return self.reported is None or as_datetime(now) - self.reported >= self.settings.alarm_rest
+
+    def _ask_for_alarms(self, at: Instant) -> None:
+        self._alarmed, self.reported = None, as_datetime(at)
+        self._ask(f"{self.reported:{ON_ALARM}}", None)
 
     def _ask(self, name: str, end: datetime | None) -> None:
         folder = self.settings.out / name
@@ -152,4 +172,14 @@ def reporter_of(campaign: Campaign, store: Store) -> Reporter | None:
     if campaign.report is None:
         return None
     last = store[-1].scan.time if len(store) else None
-    return Reporter(campaign.report, str(campaign.store.path), ZoneInfo(campaign.site.zone), last)
+    where, zone = str(campaign.store.path), ZoneInfo(campaign.site.zone)
+    return Reporter(campaign.report, where, zone, last, reported=_newest_on_alarm(campaign.report.out))
+
+
+def _newest_on_alarm(out: Path) -> datetime | None:
+    """Slot of the newest report on alarms in a folder, by the reports' names."""
+    found = []
+    for report in out.glob("*-alarm/report.html"):
+        with suppress(ValueError):  # somebody's own folder
+            found.append(datetime.strptime(report.parent.name, ON_ALARM).replace(tzinfo=UTC))
+    return max(found, default=None)

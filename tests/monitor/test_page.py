@@ -6,6 +6,7 @@ import base64
 import json
 import socket
 import urllib.request
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,12 +17,17 @@ from prometheus_client.parser import text_string_to_metric_families
 from starlette.testclient import TestClient
 
 from configs import InputError
+from monitor.campaign import run_campaign
 from monitor.cli import run_tokens
+from monitor.clock import AcceleratedClock
+from monitor.health_log import HealthLog, health_file
 from monitor.page import PageServer, Reviews, Sites, SiteSource, make_app
 from monitor.page.guard import TOKEN
-from pipelines import Event, Tick
+from pipelines import Event, Tick, instant
 from storage import open_store
-from tests.monitor.stored import START, at, fill
+
+from . import campaigns
+from .stored import START, at, fill
 
 NOW = START + np.timedelta64(30, "D")
 LOCAL = "http://127.0.0.1:8123"
@@ -120,6 +126,23 @@ def test_prometheus_reads_the_metrics(client: TestClient) -> None:
     alarms = {s.labels["alarm"]: s.value for s in families["microrelief_alarm"].samples if s.labels["site"] == "north"}
     assert alarms["block"] == 1, "a warning"
     assert all(name.startswith("microrelief_") for name in families)
+
+
+def test_the_page_says_how_late_the_newest_visit_began_and_what_was_dropped(tmp_path: Path) -> None:
+    campaign = campaigns.campaign_in(tmp_path)
+    clock = AcceleratedClock(instant(campaigns.BASE))
+    run_campaign(campaign, clock=clock, rig=campaigns.Rig(), max_scans=2, work=campaigns.work)
+    log = HealthLog(health_file(campaign))
+    log.add(replace(log.newest(1)[0], lag_s=1.25, latency_s=2.5))
+    log.add_dropped(3)
+    alone = Sites([SiteSource(campaign.store.path, campaign)], clock.now)
+    client = TestClient(make_app(alone, NoReviews()), base_url=LOCAL)
+    told = "newest began 1.250 s late, worked out after 2.50 s; 3 dropped beside the newest 2"
+    assert f"<tr><th>Slots</th><td>{told}</td></tr>" in client.get("/site/site").text
+    assert client.get("/site/site/status.json").json()["prompt"]["dropped"] == 3
+    families = {family.name: family for family in text_string_to_metric_families(client.get("/metrics").text)}
+    assert families["microrelief_lag_seconds"].samples[0].value == 1.25
+    assert families["microrelief_latency_seconds"].samples[0].value == 2.5
 
 
 def test_health_is_plain(client: TestClient) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 from importlib.resources import files
 from pathlib import Path
 from zoneinfo import ZoneInfo
@@ -49,9 +49,10 @@ def slots(count: int) -> list[Settled]:
     return [Settled(START + visit * SIX_HOURS, "taken", number=visit, tick=Tick(START)) for visit in range(count)]
 
 
-def alarm(before: AlarmState, after: AlarmState) -> Settled:
-    event = AlarmChange(START, "wide cracks", before, after).event
-    return Settled(START, "taken", number=0, tick=Tick(START, events=(event,)))
+def alarm(before: AlarmState, after: AlarmState, minute: int = 0) -> Settled:
+    at = START + np.timedelta64(minute, "m")
+    event = AlarmChange(at, "wide cracks", before, after).event
+    return Settled(at, "taken", number=0, tick=Tick(at, events=(event,)))
 
 
 def test_a_day_is_reported_on_when_the_first_slot_of_the_next_is_settled(tmp_path: Path) -> None:
@@ -83,6 +84,25 @@ def test_an_alarm_is_reported_on_a_warning_is_not_and_options_are_handed_on(tmp_
     each.settled(alarm("warning", "alarm"))
     folder = str(tmp_path / "2026-05-04T0600Z-alarm")
     assert ran[0].words == ["report", "plot.icechunk", "--out", folder, "--pdf", "--templates", str(tmp_path / "own")]
+
+
+def test_an_alarm_that_flaps_has_no_report_for_each_flap_and_none_is_lost(tmp_path: Path) -> None:
+    ran: list[Ran] = []
+    each = reporter(tmp_path, ran, on_alarm=True, alarm_rest="1 h")
+    flaps: list[tuple[AlarmState, AlarmState]] = [("ok", "alarm"), ("alarm", "ok")]
+    for minute in range(0, 150, 10):  # the last flap up is at 140 min
+        each.settled(alarm(*flaps[minute // 10 % 2], minute))
+    assert [call.words[3] for call in ran] == [str(tmp_path / f"2026-05-04T0{hour}00Z-alarm") for hour in (6, 7, 8)]
+    each.close()
+    assert ran[-1].words[3] == str(tmp_path / "2026-05-04T0820Z-alarm"), "what still waited, at the end"
+
+    for name in ("2026-05-04T0820Z-alarm", "my own-alarm"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "report.html").touch()
+    settings = Reports.model_validate({"out": tmp_path, "on_alarm": True})
+    again = reporter_of(campaign_in(tmp_path).model_copy(update={"report": settings}), drying_store(1, 10))
+    assert again is not None
+    assert again.reported == datetime(2026, 5, 4, 8, 20, tzinfo=UTC), "a restart knows it from the folders"
 
 
 def test_a_restart_goes_on_from_the_newest_scan_and_writes_no_report_twice(tmp_path: Path) -> None:
