@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from collections import deque
 from collections.abc import Mapping
@@ -60,6 +61,8 @@ class LiveReview:
     """
 
     def __init__(self, address: str, about: About, *, preset: Preset = "overview", interval_s: float = 1.0) -> None:
+        # read once, by the import: that a window was closed before all was sent is no error; `trouble` tells the rest
+        os.environ.setdefault("RUST_LOG", "error,re_grpc_client=off,re_sdk=off")
         import rerun as rr
 
         self._about, self._preset, self._interval_s = about, preset, interval_s

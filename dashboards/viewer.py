@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from urllib.parse import quote
 
@@ -80,7 +80,12 @@ def has_screen() -> bool:
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
-def open_viewer(source: str | Path, port: int | None = None, *, watch: Callable[[str], None] | None = None) -> None:
+def open_viewer(
+    source: str | Path,
+    port: int | None = None,
+    *,
+    along: Callable[[str], AbstractContextManager[None]] | None = None,
+) -> None:
     """Show a recording in a window and return when that is closed.
 
     Parameters
@@ -89,8 +94,8 @@ def open_viewer(source: str | Path, port: int | None = None, *, watch: Callable[
         A file, or an address as `serve_shards` gives it; empty for a viewer that waits for what is sent to it.
     port : int, optional
         Where the viewer itself listens, on this machine alone; a free one without it.
-    watch : callable, optional
-        Called with the address at which the viewer takes what is sent to it, when it does.
+    along : callable, optional
+        Gives, for the address at which the viewer takes what is sent to it, a context that lasts while the viewer does.
 
     Raises
     ------
@@ -107,10 +112,12 @@ def open_viewer(source: str | Path, port: int | None = None, *, watch: Callable[
     command += ["--hide-welcome-screen", *([str(source)] if source else ["--expect-data-soon"])]
     viewer = subprocess.Popen(command, env=_quiet(), stderr=subprocess.PIPE, text=True)
     try:
-        if watch is not None:
+        if along is None:
+            said = viewer.communicate()[1]
+        else:
             wait_until_listening(viewer, port)
-            watch(f"rerun+http://{LOCAL}:{port}/proxy")
-        said = viewer.communicate()[1]
+            with along(f"rerun+http://{LOCAL}:{port}/proxy"):
+                said = viewer.communicate()[1]
     finally:
         end(viewer)
     if viewer.returncode not in (0, 130, -2):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,52 @@ from dashboards import LiveReview, Preset
 from pipelines import Measurement, Tick
 from storage import Store, open_store, scan_table
 
-__all__ = ["follow_store", "ticks_since"]
+__all__ = ["Follower", "follow_store", "ticks_since"]
 
 LOOK_AT_LEAST_S, LOOK_AT_MOST_S = 1.0, 30.0
+LEAVE_S = 4.0
+"""How long the end of a review waits for what is being sent."""
+
+
+class Follower:
+    """Shows a store in a viewer, on a thread of its own, for as long as the viewer is there.
+
+    Parameters
+    ----------
+    opened : Store
+        As it is now.
+    path : str or Path
+        Where it is, to be opened anew.
+    preset : str
+    """
+
+    def __init__(self, opened: Store, path: str | Path, preset: Preset) -> None:
+        self._opened, self._path, self._preset = opened, path, preset
+        self._ended = threading.Event()
+        self._failures: list[Exception] = []
+
+    @contextmanager
+    def at(self, address: str) -> Iterator[None]:
+        """Follow while the context lasts; it ends when nothing more is sent, so that the viewer may go after it.
+
+        Raises what failed before the end: what a viewer whose window was closed no longer takes is none of it.
+        """
+        thread = threading.Thread(target=self._follow, args=(address,), name="follow", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            self._ended.set()
+            thread.join(LEAVE_S)
+        if self._failures:
+            raise self._failures[0]
+
+    def _follow(self, address: str) -> None:
+        try:
+            follow_store(self._opened, self._path, address, self._preset, self._ended)
+        except Exception as error:  # noqa: BLE001 - told by the thread that waits for the viewer
+            if not self._ended.is_set():
+                self._failures.append(error)
 
 
 def follow_store(opened: Store, path: str | Path, address: str, preset: Preset, ended: threading.Event) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import signal
 import sys
 import tempfile
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -28,7 +27,7 @@ from dashboards import (
 )
 from storage import Store, open_store
 
-from ..live_review import follow_store
+from ..live_review import Follower
 from ..progress import progress
 from ..reviewing import crack_region, served_review
 
@@ -99,8 +98,9 @@ def review(
             else:
                 with _source(opened, preset, chosen, page + 1 if web else None, origin) as source:
                     _show(source, page if web else port, web=web)
-    except KeyboardInterrupt:
-        print("stopped", file=sys.stderr)
+    except KeyboardInterrupt as told:
+        if not isinstance(told, _Terminated):
+            print("stopped", file=sys.stderr)
     finally:
         opened.close()
     return 0
@@ -139,31 +139,16 @@ def _show(source: str | Path, port: int | None, *, web: bool) -> None:
 
 def _follow(opened: Store, path: str, preset: Preset, port: int | None, *, web: bool) -> None:
     check_not_empty(opened)
-    ended = threading.Event()
-    failures: list[Exception] = []
-
-    def go_along(address: str) -> None:
-        try:
-            follow_store(opened, path, address, preset, ended)
-        except Exception as error:  # noqa: BLE001 - told when the viewer is closed
-            failures.append(error)
-
-    def begin(address: str) -> None:
-        threading.Thread(target=go_along, args=(address,), name="follow", daemon=True).start()
-
-    try:
-        if web:
-            assert port is not None
-            with serve_web("", port) as (link, server):
-                print(f"review at {link} (Ctrl-C ends it)", flush=True)
-                begin(f"rerun+http://127.0.0.1:{port + 1}/proxy")
-                code = server.wait()
-            raise MicroreliefError(f"the review server ended by itself with code {code}: start it again")
-        open_viewer("", port, watch=begin)
-    finally:
-        ended.set()
-    if failures:
-        raise failures[0]
+    follower = Follower(opened, path, preset)
+    if not web:
+        open_viewer("", port, along=follower.at)
+        return
+    assert port is not None
+    with serve_web("", port) as (link, server):
+        print(f"review at {link} (Ctrl-C ends it)", flush=True)
+        with follower.at(f"rerun+http://127.0.0.1:{port + 1}/proxy"):
+            code = server.wait()
+    raise MicroreliefError(f"the review server ended by itself with code {code}: start it again")
 
 
 def _range(text: str) -> tuple[int, int]:
@@ -174,12 +159,16 @@ def _range(text: str) -> tuple[int, int]:
         raise InputError(f"--scans {text}: give two numbers, FIRST:LAST, such as 12:20 or -10:-1") from None
 
 
+class _Terminated(KeyboardInterrupt):
+    """A stop by the system, or by the recording that we went along with."""
+
+
 @contextmanager
 def _ended_by_sigterm() -> Iterator[None]:
     """Let a stop by the system do what Ctrl-C does: the viewer and its file must not outlive us."""
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
+        raise _Terminated
 
     before = signal.signal(signal.SIGTERM, interrupt)
     try:

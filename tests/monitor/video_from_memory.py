@@ -35,9 +35,15 @@ class MemoryRig:
 
 
 def video_campaign(
-    folder: Path, rig: Calibration, patterns: PatternSet, rate_hz: float, length: str, commit_every_s: float = 5.0
+    folder: Path,
+    rig: Calibration,
+    patterns: PatternSet,
+    rate_hz: float,
+    length: str,
+    commit_every_s: float = 5.0,
+    pitch_mm: float | None = None,
 ) -> Campaign:
-    """Make a campaign with the video recipe: change, volumes and the store, on the camera's own pitch."""
+    """Make a campaign with the video recipe: change, volumes and the store, on the camera's own pitch or another."""
     (folder / "calibration.json").write_text(rig.to_json(), encoding="utf-8")
     return Campaign.model_validate(
         {
@@ -47,6 +53,7 @@ def video_campaign(
             "schedule": {"video": {"rate_hz": rate_hz, "for": length, "commit_every_s": commit_every_s}},
             "patterns": patterns.as_mapping(),
             "calibration": {"file": "calibration.json"},
+            "grid": {"pitch_mm": pitch_mm},
             "metrics": ["net_volume", "gained_volume", "lost_volume"],
         },
         context={"folder": folder},
