@@ -137,7 +137,7 @@ def recorded(
     pitch_mm = wide * footprint_grid(subject.rig).pitch_mm
     with tempfile.TemporaryDirectory() as folder:
         campaign: Campaign = video_campaign(
-            Path(folder), subject.rig, subject.captures[0].patterns, rate_hz, length, 0.0, pitch_mm
+            Path(folder), subject.rig, subject.captures[0].patterns, rate_hz, length, pitch_mm
         )
         return run_campaign(
             campaign,

@@ -245,11 +245,11 @@ def told(settled):
             (disk / "ballast").unlink()
 
 clock = AcceleratedClock(instant(campaigns.BASE))
-outcome = run_campaign(campaign, clock=clock, rig=campaigns.Rig(), on_settled=told, max_scans=60, work=campaigns.work)
+outcome = run_campaign(campaign, clock=clock, rig=campaigns.Rig(), on_settled=told, max_scans=45, work=campaigns.work)
 assert outcome.failed == 3, outcome
-assert outcome.taken == 57, outcome
+assert outcome.taken == 42, outcome
 kept = open_store(campaign.store.path)
-assert len(kept) == 57
+assert len(kept) == 42
 for number in range(len(kept)):
     hours = float((kept[number].planned - instant(campaigns.BASE)) / np.timedelta64(1, "h"))
     assert abs(float(kept[number].scan.height[0, 0]) - hours / 1000) < 0.0003

@@ -40,17 +40,19 @@ def video_campaign(
     patterns: PatternSet,
     rate_hz: float,
     length: str,
-    commit_every_s: float = 5.0,
     pitch_mm: float | None = None,
 ) -> Campaign:
-    """Make a campaign with the video recipe: change, volumes and the store, on the camera's own pitch or another."""
+    """Make a campaign with the video recipe: change, volumes and the store, on the camera's own pitch or another.
+
+    Each scan is committed at once, as without any setting: a group is less work, but work that all comes together.
+    """
     (folder / "calibration.json").write_text(rig.to_json(), encoding="utf-8")
     return Campaign.model_validate(
         {
             "site": {"name": "video"},
             "store": {"path": "video.icechunk"},
             "rig": {"name": "simulated"},
-            "schedule": {"video": {"rate_hz": rate_hz, "for": length, "commit_every_s": commit_every_s}},
+            "schedule": {"video": {"rate_hz": rate_hz, "for": length}},
             "patterns": patterns.as_mapping(),
             "calibration": {"file": "calibration.json"},
             "grid": {"pitch_mm": pitch_mm},
