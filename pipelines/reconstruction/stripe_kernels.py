@@ -125,7 +125,7 @@ def _distance(seen, j, swing, level, sample):  # type: ignore[no-untyped-def]  #
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", fastmath=LOOSE)
 def _fit(seen, j, swing, loose, level, sample, q, more):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
-    """The same in variances (of noise, of white minus black, of the model's own error, of the blur): what a place costs.
+    """The same in variances (of noise, white minus black, the model's own error, the blur): what a place costs.
 
     With it Gauss and Newton's step from the sample, and its standard uncertainty, samples.
     """
