@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import numba as nb
 import numpy as np
 import numpy.typing as npt
 
 from .codebook import Codebook
 
-__all__ = ["edge_votes", "planes_of", "valid_share"]
+__all__ = ["edge_votes", "neighbours", "planes_of", "valid_share"]
 
 Doubles = npt.NDArray[np.float64]
+Floats = npt.NDArray[np.float32]
+Pairs = tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]
+"""Numbers, among the lit pixels, of pixels and of their neighbours."""
 
 SEEN = 24
 """Pixels that an edge must cross before it counts."""
@@ -19,10 +23,28 @@ DENSE = 0.3
 """Stripes that change their sign more often than this per camera pixel are too narrow to have one at an edge."""
 
 
+def neighbours(lit: npt.NDArray[np.bool_]) -> tuple[Pairs, Pairs]:
+    """Lit pixels of tiles, (tile, row, column), that lie side by side, and those that lie one above the other."""
+    number = np.cumsum(lit, dtype=np.int32).reshape(lit.shape) - 1
+    found = []
+    for one, other in ((np.s_[..., 1:], np.s_[..., :-1]), (np.s_[..., 1:, :], np.s_[..., :-1, :])):
+        both = lit[one] & lit[other]
+        found.append((number[one][both], number[other][both]))
+    return found[0], found[1]
+
+
 def edge_votes(
-    signal: npt.NDArray[np.float32], lit: npt.NDArray[np.bool_], planes: npt.NDArray[np.bool_]
+    signal: Floats, pairs: tuple[Pairs, Pairs], planes: npt.NDArray[np.bool_]
 ) -> tuple[Doubles, list[float]]:
     """Compare the sign of each pattern at the edges of all others with what the code says there.
+
+    Parameters
+    ----------
+    signal : ndarray of float32, shape (pixel, bits)
+        Pattern minus inverse of the lit pixels, -1 to 1.
+    pairs : (Pairs, Pairs)
+        Of `neighbours`.
+    planes : ndarray of bool, shape (bits, projector pixel)
 
     Returns
     -------
@@ -37,21 +59,34 @@ def edge_votes(
     expected = flips @ ((plus[:, 1:] + plus[:, :-1]) / 2).T / np.maximum(flips.sum(axis=1, keepdims=True), 1)
     seen, found, size = np.zeros((bits, 1)), np.zeros((bits, bits)), np.zeros((bits, bits))
     density = np.zeros(bits)
-    for one, other in ((np.s_[..., 1:], np.s_[..., :-1]), (np.s_[..., 1:, :], np.s_[..., :-1, :])):
-        both = lit[one] & lit[other]
-        a, b = signal[one][:, both], signal[other][:, both]
-        edge = ((a * b < 0) & (np.abs(a - b) > 0.5)).astype(np.float32)
-        middle = (a + b) / 2
-        seen += edge.sum(axis=1, keepdims=True)
-        density = np.maximum(density, (a * b < 0).mean(axis=1) if a.shape[1] else 1.0)
-        found += edge @ middle.T
-        size += edge @ np.abs(middle).T
+    for one, other in pairs:
+        crossed = np.zeros(bits)
+        _add_edges(signal, one, other, crossed, seen[:, 0], found, size)
+        density = np.maximum(density, crossed / len(one) if len(one) else 1.0)
     usable = (np.abs(expected) > 0.95) & (seen >= SEEN) & (size > FAINT * seen)
     usable &= ~np.eye(bits, dtype=bool) & (density < DENSE)
     right = np.where(usable, found * np.sign(expected) / np.maximum(size, 1e-6), 0)
     weight = usable.sum(axis=0)
     votes = right.sum(axis=0) / np.maximum(weight, 1)
     return votes, [float(vote) for vote, there in zip(votes, weight, strict=True) if there]
+
+
+@nb.njit(cache=True, nogil=True)
+def _add_edges(signal, one, other, crossed, seen, found, size):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """Add up, for each pattern, its changes of sign, those that are clear, and what every pattern shows at these."""
+    bits = signal.shape[1]
+    for pair in range(one.size):
+        m, n = one[pair], other[pair]
+        for bit in range(bits):
+            a, b = signal[m, bit], signal[n, bit]
+            if a * b < 0:
+                crossed[bit] += 1
+                if abs(a - b) > np.float32(0.5):
+                    seen[bit] += 1
+                    for each in range(bits):
+                        middle = (signal[m, each] + signal[n, each]) / 2
+                        found[bit, each] += middle
+                        size[bit, each] += abs(middle)
 
 
 def planes_of(book: Codebook) -> npt.NDArray[np.bool_]:
@@ -61,11 +96,25 @@ def planes_of(book: Codebook) -> npt.NDArray[np.bool_]:
     return planes
 
 
-def valid_share(signal: npt.NDArray[np.float32], book: Codebook) -> float:
-    """Share of pixels whose word the set projects, of those where every pattern is clear."""
-    clear = (np.abs(signal) > FAINT).all(axis=0)
-    if clear.sum() < SEEN:
-        clear = np.ones(signal.shape[1], np.bool_)
-    weights = 1 << np.arange(book.bits - 1, -1, -1)
-    words = weights @ (signal[:, clear] > 0)
-    return float((book.cell[words] >= 0).mean()) if words.size else 1.0
+def valid_share(signal: Floats, book: Codebook) -> float:
+    """Share of pixels whose word the set projects, of those where every pattern is clear; `signal` is (pixel, bits)."""
+    clear, valid, any_valid = _count_words(signal, book.cell)
+    if clear < SEEN:
+        clear, valid = len(signal), any_valid
+    return valid / clear if clear else 1.0
+
+
+@nb.njit(cache=True, nogil=True)
+def _count_words(signal, cell):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """Pixels whose patterns are all clear, those of them whose word there is, and pixels whose word there is."""
+    clear, valid, any_valid = 0, 0, 0
+    for pixel in range(len(signal)):
+        word, sure = 0, True
+        for bit in range(signal.shape[1]):
+            word = (word << 1) | (signal[pixel, bit] > 0)
+            sure &= abs(signal[pixel, bit]) > np.float32(FAINT)
+        there = cell[word] >= 0
+        clear += sure
+        valid += sure & there
+        any_valid += there
+    return clear, valid, any_valid

@@ -10,7 +10,7 @@ from math import sqrt
 import numpy as np
 import numpy.typing as npt
 
-from .diagnose_code import edge_votes, planes_of, valid_share
+from .diagnose_code import edge_votes, neighbours, planes_of, valid_share
 from .diagnose_explanations import difference, exchange, other_sets, shifted, swap, with_extra, without
 from .diagnose_sample import Sample
 from .patterns import AXES, PatternSet
@@ -86,6 +86,14 @@ def pairs_of(patterns: PatternSet) -> list[tuple[str, int, int, int]]:
     ]
 
 
+@lru_cache(maxsize=64)
+def _checked(patterns: PatternSet) -> tuple[Ints, Ints, Ints]:
+    """Places of white, of black, and of the pairs (pattern, inverse) of a set."""
+    whites, blacks = ([n for n, role in enumerate(patterns.roles) if role.what == what] for what in ("white", "black"))
+    pairs = [(p, n) for _, _, p, n in pairs_of(patterns) if n >= 0]
+    return np.array(whites, np.int64), np.array(blacks, np.int64), np.array(pairs, np.int64).reshape(-1, 2)
+
+
 def find_order_faults(sample: Sample) -> tuple[OrderFault, ...]:
     """Find frames that are missing, repeated, shifted or swapped, and sets of patterns that were not projected.
 
@@ -120,6 +128,7 @@ class _Order:
         # a frame all light or all dark: mean square of what it lacks, as a share of what stripes lack (2)
         self.not_white = np.clip((size - 2 * self.mean + 1) / 2, 0, 1)
         self.not_black = np.clip((size + 2 * self.mean + 1) / 2, 0, 1)
+        self.beside = neighbours(sample.lit)
 
     def faults(self) -> tuple[OrderFault, ...]:
         roles = len(self.patterns.roles)
@@ -291,33 +300,28 @@ class _Order:
 
     def _unlike(self, patterns: PatternSet, mapping: Ints) -> Doubles:
         """Of each frame that has something to be compared with: 0 if it fits, 1 if it is unrelated."""
-        checks = []
-        for place, role in enumerate(patterns.roles):
-            if mapping[place] >= 0 and not role.axis:
-                far = self.not_white if role.what == "white" else self.not_black
-                checks.append(far[mapping[place]])
-        for _, _, p, n in pairs_of(patterns):
-            if n >= 0 and mapping[p] >= 0 and mapping[n] >= 0:
-                checks.append(self.sum_of[mapping[p], mapping[n]])
-        return np.array(checks)
+        whites, blacks, pairs = _checked(patterns)
+        white, black, both = mapping[whites], mapping[blacks], mapping[pairs]
+        both = both[(both >= 0).all(axis=1)]
+        far = self.not_white[white[white >= 0]], self.not_black[black[black >= 0]]
+        return np.concatenate([*far, self.sum_of[both[:, 0], both[:, 1]]])
 
     def fit(self, patterns: PatternSet, mapping: Ints) -> _Fit:
         """Judge a mapping of roles to frames (-1: a role without a frame)."""
         votes, agreements, valid = [], [], 1.0
-        lit = self.sample.lit
         for number, axis in enumerate(AXES):
             bits = patterns.bits[number]
-            if not bits or not lit.any():
+            if not bits or not self.u.shape[1]:
                 votes.append(np.zeros(0))
                 continue
-            signal = np.zeros((bits, *lit.shape), np.float32)
+            signal = np.zeros((self.u.shape[1], bits), np.float32)
             for name, bit, p, n in pairs_of(patterns):
                 if name == axis:
-                    signal[bit][lit] = self._signal(mapping[p], mapping[n] if n >= 0 else -1)
-            vote, agreement = edge_votes(signal, lit, planes_of(patterns.codebook(axis)))
+                    signal[:, bit] = self._signal(mapping[p], mapping[n] if n >= 0 else -1)
+            vote, agreement = edge_votes(signal, self.beside, planes_of(patterns.codebook(axis)))
             votes.append(vote)
             agreements += agreement
-            valid = min(valid, valid_share(signal[:, lit], patterns.codebook(axis)))
+            valid = min(valid, valid_share(signal, patterns.codebook(axis)))
         agree = float(np.mean(agreements)) if agreements else 1.0
         return _Fit(mapping, self._unlike(patterns, mapping), (votes[0], votes[1]), agree, valid)
 

@@ -11,17 +11,12 @@ import numba as nb
 import numpy as np
 import numpy.typing as npt
 
+from .edge_formula import edge_between
 from .kernels import NO_CELL
 
-__all__ = ["REACH", "Pictures", "along_columns", "along_rows", "levels_of"]
+__all__ = ["REACH", "Pictures", "along_columns", "along_rows", "crossings", "edges_between", "levels_of"]
 
 REACH = 96  # camera px: between edges further apart nothing is known to be linear
-# A Gaussian edge's swing, as a share of full swing, to the distance from the edge: x (1 - P x2) / (1 - Q x2) is the
-# inverse error function to 2 % up to CLEAR, least squares. Nearer to full swing noise decides.
-P, Q, CLEAR = 0.483, 0.721, 0.95
-# Square of what a straight line and a Gaussian edge differ by: the true profile lies anywhere between, and we take the
-# Gaussian end: uniform over [0, d] about 0 has a mean square of d2 / 3.
-UNSURE = 1 / 3
 SKIPPED = 2  # half cells that the camera may skip between neighbours: one cell
 
 
@@ -37,6 +32,9 @@ class Pictures(NamedTuple):
         Frames of the patterns that flip where each cell begins (-1: no more), and of their inverses (-1: none).
     tilt : ndarray of float32, shape (cell + 1, bit)
         By how much, in units of `contrast`, the light of these frames moves pattern minus inverse.
+    wave : ndarray of float32, shape (cell + 1, bit, 2)
+        Half a turn over the width of the stripes of these frames, per camera px, and the tangent of half of it; 0 where
+        they are wide enough for single edges.
     edge : ndarray of float32, shape (cell + 1,)
         As of `AxisCells`.
     centre, width : ndarray of float32, shape (half step,)
@@ -55,6 +53,7 @@ class Pictures(NamedTuple):
     plus: npt.NDArray[np.int32]
     minus: npt.NDArray[np.int32]
     tilt: npt.NDArray[np.float32]
+    wave: npt.NDArray[np.float32]
     edge: npt.NDArray[np.float32]
     centre: npt.NDArray[np.float32]
     width: npt.NDArray[np.float32]
@@ -73,38 +72,8 @@ def _swing(stack, white, black, plus, minus, tilt, contrast, scale, i, j):  # ty
     return scale * (p + p - np.float32(stack[white, i, j]) - np.float32(stack[black, i, j])) - light
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _between(a, b, full_a, full_b, noise):  # type: ignore[no-untyped-def]  # numba infers
-    """Where an edge lies between two pixels of opposite swings, 0 to 1, and its variance, px squared.
-
-    An edge that a lens has blurred is an error function of the distance. A straight line between two pixels misses it
-    by up to a tenth of a pixel where it is sharp, its inverse (`P`, `Q`) does not, whatever the blur; and measured by
-    each pixel's own full swing an edge lies right where the surface is darker on one side. Noise of both swings, and of
-    both full swings, moves it by the slope of that inverse: most where one pixel has nearly its full swing, least in
-    the middle of a wide edge.
-    """
-    one, p, q = np.float32(1), np.float32(P), np.float32(Q)
-    least = np.float32(1 / CLEAR)
-    full_a, full_b = max(full_a, abs(a) * least), max(full_b, abs(b) * least)
-    whole = one / (full_a * full_b)
-    per_a, per_b = whole * full_b, whole * full_a
-    low, high = a * per_a, b * per_b
-    a2, b2 = low * low, high * high
-    under_a, under_b = one - q * a2, one - q * b2
-    over = one / (under_a * under_b)
-    over_a, over_b = over * under_b, over * under_a
-    u, v = low * (one - p * a2) * over_a, high * (one - p * b2) * over_b  # distances, in widths of the blur
-    share = one / ((u - v) * (low - high))
-    part, scale, off = u * (low - high) * share, (low - high) * share, (v * low - u * high) * share
-    bend = q - np.float32(3) * p
-    slope_a = (one - part) * per_a * over_a * over_a * (one + a2 * (bend + p * q * a2))
-    slope_b = part * per_b * over_b * over_b * (one + b2 * (bend + p * q * b2))
-    moved = slope_a * slope_a * (one + a2) + slope_b * slope_b * (one + b2)
-    return part, noise * scale * scale * moved + off * off * np.float32(UNSURE)
-
-
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _crossings(stack, white, black, plus, minus, tilt, contrast, scale, noise, begin, i, j, di, dj):  # type: ignore[no-untyped-def]  # numba infers
+def crossings(stack, white, black, plus, minus, tilt, wave, contrast, scale, noise, begin, i, j, di, dj):  # type: ignore[no-untyped-def]  # numba infers
     """Where the bits that flip at the cell edge `begin` cross zero, and the slope's inverse; NaN where none does.
 
     Pixel (i, j) is 0 and the one before it along (di, dj) is -1. Bits are decided without regard to the light, so the
@@ -132,7 +101,7 @@ def _crossings(stack, white, black, plus, minus, tilt, contrast, scale, noise, b
             if (a > 0) == (b > 0):
                 continue
         full_a, full_b = np.float32(contrast[y - di, x - dj]), np.float32(contrast[y, x])
-        part, own = _between(a, b, full_a, full_b, noise)
+        part, own = edge_between(a, b, full_a, full_b, noise, wave[begin, n, 0], wave[begin, n, 1])
         total += np.float32((y - i) + (x - j) - 1) + part
         variance += own
         count += np.float32(1)
@@ -142,7 +111,7 @@ def _crossings(stack, white, black, plus, minus, tilt, contrast, scale, noise, b
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _edges_between(before, here):  # type: ignore[no-untyped-def]  # numba infers
+def edges_between(before, here):  # type: ignore[no-untyped-def]  # numba infers
     """Edges of the cells of two neighbours that face each other; equal unless the camera skips a cell, -1 if others."""
     k, n = np.int64(before), np.int64(here)
     if k == NO_CELL or n == NO_CELL:
@@ -182,16 +151,16 @@ def _cross_all(pictures, before, here, contrast, found, count, i, first, down, f
     down : int
         1 if the ones before lie above, 0 if they lie to the left.
     far, near : ndarray of int32, shape (count,)
-        Out: `_edges_between`.
+        Out: `edges_between`.
     position, own : ndarray of float32, shape (count,)
-        Out: `_crossings` at the far edge.
+        Out: `crossings` at the far edge.
     """
-    stack, white, black, plus, minus, tilt, _, _, _, _, noise, scale = pictures
+    stack, white, black, plus, minus, tilt, wave, _, _, _, _, noise, scale = pictures
     single = plus.shape[1] == 1
     y, back = np.uintp(i), np.uintp(i - down)
     for c in range(count):
         n = np.uintp(found[c])
-        begin, other = _edges_between(before[n], here[n])
+        begin, other = edges_between(before[n], here[n])
         far[c], near[c] = begin, other
         if begin < 0:
             continue
@@ -206,11 +175,11 @@ def _cross_all(pictures, before, here, contrast, found, count, i, first, down, f
             a = scale * np.float32(np.int32(stack[f, back, left]) - np.int32(stack[g, back, left])) - t * full_a
             b = scale * np.float32(np.int32(stack[f, y, x]) - np.int32(stack[g, y, x])) - t * full_b
             if (a > 0) != (b > 0):
-                part, own[c] = _between(a, b, full_a, full_b, noise)
+                part, own[c] = edge_between(a, b, full_a, full_b, noise, wave[at, 0, 0], wave[at, 0, 1])
                 position[c] = part - np.float32(1)
                 continue
-        position[c], own[c] = _crossings(
-            stack, white, black, plus, minus, tilt, contrast, scale, noise, begin, i, np.intp(x), down, 1 - down
+        position[c], own[c] = crossings(
+            stack, white, black, plus, minus, tilt, wave, contrast, scale, noise, begin, i, np.intp(x), down, 1 - down
         )
 
 
@@ -221,7 +190,7 @@ def along_rows(pictures, steps, contrast, first, last, fine, spread):  # type: i
     Pixels without an edge on both sides get the middle of their cell. `spread` takes variances, negative where there
     was no edge on both sides; `settle` makes standard uncertainties of them.
     """
-    stack, white, black, plus, minus, tilt, edge, middle, wide, unsure, noise, scale = pictures
+    stack, white, black, plus, minus, tilt, wave, edge, middle, wide, unsure, noise, scale = pictures
     W = steps.shape[1]
     found, far, near = np.empty(W + 1, np.int32), np.empty(W + 1, np.int32), np.empty(W + 1, np.int32)
     position, own = np.empty(W + 1, np.float32), np.empty(W + 1, np.float32)
@@ -260,8 +229,8 @@ def along_rows(pictures, steps, contrast, first, last, fine, spread):  # type: i
             if begin >= 0:
                 at, each = position[c], own[c]
                 if near[c] != begin:  # the camera skips a cell: the edge behind the next run is another one
-                    at, each = _crossings(
-                        stack, white, black, plus, minus, tilt, contrast, scale, noise, near[c], i, j, 0, 1
+                    at, each = crossings(
+                        stack, white, black, plus, minus, tilt, wave, contrast, scale, noise, near[c], i, j, 0, 1
                     )
                 known = at == at
                 behind, value, error = np.float32(j) + at, edge[near[c]], each
@@ -271,7 +240,7 @@ def along_rows(pictures, steps, contrast, first, last, fine, spread):  # type: i
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def along_columns(pictures, steps, contrast, first, last, fine, spread):  # type: ignore[no-untyped-def]  # numba infers
     """As `along_rows` for columns `first` to `last`, where an axis grows down the image."""
-    stack, white, black, plus, minus, tilt, edge, middle, wide, unsure, noise, scale = pictures
+    stack, white, black, plus, minus, tilt, wave, edge, middle, wide, unsure, noise, scale = pictures
     H = steps.shape[0]
     size = last - first
     found, far, near = np.empty(size + 1, np.int32), np.empty(size, np.int32), np.empty(size, np.int32)
@@ -313,8 +282,22 @@ def along_columns(pictures, steps, contrast, first, last, fine, spread):  # type
             if begin >= 0:
                 at, each = position[c], own[c]
                 if near[c] != begin:
-                    at, each = _crossings(
-                        stack, white, black, plus, minus, tilt, contrast, scale, noise, near[c], i, np.intp(j), 1, 0
+                    at, each = crossings(
+                        stack,
+                        white,
+                        black,
+                        plus,
+                        minus,
+                        tilt,
+                        wave,
+                        contrast,
+                        scale,
+                        noise,
+                        near[c],
+                        i,
+                        np.intp(j),
+                        1,
+                        0,
                     )
                 known[n] = at == at
                 behind[n], value[n], error[n] = np.float32(i) + at, edge[near[c]], each

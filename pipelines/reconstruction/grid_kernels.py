@@ -26,7 +26,7 @@ from .cell_kernels import (
 )
 from .lay_kernels import CODE, FINE, OFFSET, STEEPEST
 
-__all__ = ["RIM", "STEEPEST", "drop_beyond", "fill"]
+__all__ = ["RIM", "STEEPEST", "add_point", "cells_met", "drop_beyond", "fill", "half_side", "overlap"]
 
 
 @nb.njit(cache=True, nogil=True)
@@ -101,7 +101,7 @@ def _sum_line(  # type: ignore[no-untyped-def]  # a kernel: numba infers the typ
             alone, low, high = total[COUNT, k] == 0, total[LOW, k], total[HIGH, k]
             total[LOW, k] = above[j] if alone | (above[j] < low) else low
             total[HIGH, k] = above[j] if alone | (above[j] > high) else high
-            _add(total, k, above[j], local, slope, j, sigma_in[j], texture_in[j])
+            add_point(total, k, above[j], local, slope, j, sigma_in[j], texture_in[j])
             sides = np.float32((np.int32(local[j, 2]) + 128) * (np.int32(local[j, 3]) + 128))
             total[INNER, k] += area * sides if inner else zero
             rim[k] = rim[k] if inner else np.uint8(RIM)
@@ -125,7 +125,7 @@ def _any_empty(points, cover):  # type: ignore[no-untyped-def]  # a kernel: numb
 
 
 @nb.njit(cache=True, nogil=True, inline="always")
-def _half(code, usual):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+def half_side(code, usual):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     """Half the side of a footprint, cells."""
     return (np.float32(code) + np.float32(128)) * np.float32(usual / CODE)
 
@@ -133,16 +133,16 @@ def _half(code, usual):  # type: ignore[no-untyped-def]  # a kernel: numba infer
 @nb.njit(cache=True, nogil=True)
 def _cover(cover, row, column, local, usual):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     """Add to `cover` the area of a footprint."""
-    hx, hy = _half(local[2], usual[0]), _half(local[3], usual[1])
+    hx, hy = half_side(local[2], usual[0]), half_side(local[3], usual[1])
     x, y = local[0] / np.float32(OFFSET), local[1] / np.float32(OFFSET)
-    for i in range(*_cells(row, y, hy, len(cover))):
-        high = _overlap(row + y, hy, i)
-        for j in range(*_cells(column, x, hx, cover.shape[1])):
-            cover[i, j] += high * _overlap(column + x, hx, j)
+    for i in range(*cells_met(row, y, hy, len(cover))):
+        high = overlap(row + y, hy, i)
+        for j in range(*cells_met(column, x, hx, cover.shape[1])):
+            cover[i, j] += high * overlap(column + x, hx, j)
 
 
 @nb.njit(cache=True, nogil=True, inline="always")
-def _cells(at, off, half, count):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+def cells_met(at, off, half, count):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     """First cell that a side of a footprint meets, and the one after the last."""
     low = at + np.int64(np.floor(off - half + HALF))
     high = at + np.int64(np.floor(off + half + HALF))
@@ -150,13 +150,13 @@ def _cells(at, off, half, count):  # type: ignore[no-untyped-def]  # a kernel: n
 
 
 @nb.njit(cache=True, nogil=True, inline="always")
-def _overlap(middle, half, n):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+def overlap(middle, half, n):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     """Length that middle +- half has within cell n, which is 1 long."""
     return max(min(middle + half, n + 0.5) - max(middle - half, n - 0.5), 0.0)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _add(total, n, above, local, slope, j, sigma, light):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+def add_point(total, n, above, local, slope, j, sigma, light):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     """Add pixel j of a line to the sums of cell n."""
     w = np.float32(1) / (sigma * sigma)
     # squares are summed from the first height: heights are long numbers, their differences short ones
@@ -191,7 +191,7 @@ def _choose(laid, texture_in, gap, total, start, columns):  # type: ignore[no-un
                         if turn == 0:
                             upper[n] += 1 if high else -1
                         elif high == (upper[n] >= 0):
-                            _add(total, n, above[i, j], local[i], slope[i], j, sigma_in[i, j], texture_in[i, j])
+                            add_point(total, n, above[i, j], local[i], slope[i], j, sigma_in[i, j], texture_in[i, j])
         if turn == 0:
             for n in range(size):
                 if total[HIGH, n] - total[LOW, n] > gap:
@@ -217,14 +217,14 @@ def _lend(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
                 if not -spill <= row < last - first + spill:
                     continue
                 column = cell[i, j] % columns
-                hx, hy = _half(local[i, j, 2], usual[0]), _half(local[i, j, 3], usual[1])
+                hx, hy = half_side(local[i, j, 2], usual[0]), half_side(local[i, j, 3], usual[1])
                 x, y = local[i, j, 0] / np.float32(OFFSET), local[i, j, 1] / np.float32(OFFSET)
-                for a in range(*_cells(row, y, hy, last - first)):
-                    for b in range(*_cells(column, x, hx, columns)):
+                for a in range(*cells_met(row, y, hy, last - first)):
+                    for b in range(*cells_met(column, x, hx, columns)):
                         n = a * columns + b
                         if total[COUNT, n] > 0 or cover[a, b] < HALF:
                             continue
-                        area = np.float32(_overlap(row + y, hy, a) * _overlap(column + x, hx, b))
+                        area = np.float32(overlap(row + y, hy, a) * overlap(column + x, hx, b))
                         if not area > 0:
                             continue
                         right, up = np.float32(b - column - x), np.float32(a - row - y)

@@ -12,6 +12,10 @@ from .light import ROUNDING, frame_indices, frame_of
 
 __all__ = ["Stack", "every", "line_pictures", "raster"]
 
+NARROWEST_PX, WIDEST_PX = 1.25, 6.0
+"""Stripes that are waves and no single edges, camera px: wider ones have room between their edges, whatever the blur;
+of narrower ones a camera sees a pattern of its own."""
+
 HalfSteps = npt.NDArray[np.uint16]
 Floats = npt.NDArray[np.float32]
 Stack = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
@@ -70,6 +74,7 @@ def line_pictures(
         plus=np.where(none, -1, plus[axis][cells.flips]).astype(np.int32),
         minus=np.where(none, -1, minus[axis][cells.flips]).astype(np.int32),
         tilt=tilt[cells.flips].astype(np.float32),
+        wave=_waves(patterns.bits[axis] - cells.flips, float(np.diff(cells.edge).max()) / max(density, 1e-6)),
         edge=cells.edge,
         centre=centre,
         width=cells.widths(),
@@ -78,6 +83,13 @@ def line_pictures(
         scale=np.float32(1 / scale),
     )
     return down, pictures, max(0, min(round(1 / max(density, 1e-3)), REACH, (min(shape) - 1) // 2))
+
+
+def _waves(doublings: npt.NDArray[np.int32], cell_px: float) -> Floats:
+    """As of `Pictures`, of stripes that are 2 to the so manieth cells wide."""
+    turn = np.pi / (cell_px * 2.0**doublings)
+    turn[(turn < np.pi / WIDEST_PX) | (turn > np.pi / NARROWEST_PX)] = 0
+    return np.stack([turn, np.tan(turn / 2)], axis=-1).astype(np.float32)
 
 
 def _growth(coarse: Floats, skip: list[int]) -> tuple[bool, float]:

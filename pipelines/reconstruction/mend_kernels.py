@@ -9,7 +9,7 @@ from ..scan import LEVEL_NONE
 from .apart import read, write
 from .cell_kernels import RIM
 
-__all__ = ["mend"]
+__all__ = ["amid", "dense", "enclosed", "mend"]
 
 BLOCK = 256  # cells that are looked at at once
 HOLE = 6  # of the eight cells around a hole are measured
@@ -97,7 +97,7 @@ def _mend_block(heights, sigmas, lights, levels, before, middle, after, gap, hei
         s3 = _alike(read(heights, b + 2), read(heights, a), u3, v3, gap)
         s4 = _alike(read(heights, m), read(heights, m + 2), u4, v4, gap)
         low, spread = read(levels, m + 1), read(sigmas, m + 1)
-        between = _dense(u1, v1) | _dense(u2, v2) | _dense(u3, v3) | _dense(u4, v4)
+        between = dense(u1, v1) | dense(u2, v2) | dense(u3, v3) | dense(u4, v4)
         found = _known(u1, v1) + _known(u2, v2) + _known(u3, v3) + _known(u4, v4)
         unclear = (spread < zero) | ((spread != spread) & (not between) & (found >= four))
         mended = (spread != spread) & between & (s1 | s2 | s3 | s4)
@@ -144,7 +144,7 @@ def _alike(p, q, u, v, gap):  # type: ignore[no-untyped-def]  # a kernel: numba 
 
 
 @nb.njit(cache=True, nogil=True, inline="always")
-def _dense(u, v):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+def dense(u, v):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     """Whether no pixel is missing between two opposite neighbours, and the pitch is just finer than the pixels.
 
     One has no point at a border, and the other is measured.
@@ -173,14 +173,14 @@ def _mend_cell(heights, sigmas, lights, levels, beside, middle, column, gap, out
     spread = sigmas[middle + column]
     inside = 0 < column < height.size - 1
     if spread < 0:
-        if inside and _enclosed(sigmas, beside, column):  # few points, but all around
+        if inside and enclosed(sigmas, beside, column):  # few points, but all around
             sigma[column], level[column] = -spread, levels[middle + column] & (RIM - 1)
         else:
             height[column], sigma[column] = np.nan, np.nan
             texture[column], level[column] = 0, LEVEL_NONE
         return
-    hole = _enclosed(sigmas, beside, column)
-    if not hole and not _amid(levels, beside, column):
+    hole = enclosed(sigmas, beside, column)
+    if not hole and not amid(levels, beside, column):
         return
     total, worst, light, highest, count = np.float32(0), np.float32(0), 0, 0, 0
     for n in range(4 if hole else 8):
@@ -211,7 +211,7 @@ def _keep(heights, sigmas, lights, levels, at, height, sigma, light, level):  # 
 
 
 @nb.njit(cache=True, nogil=True, inline="always")
-def _enclosed(sigmas, beside, column):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+def enclosed(sigmas, beside, column):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     """Whether at least `HOLE` of the eight neighbours are measured, and the others lie side by side.
 
     Where they do not, a line of empty cells may pass: a crack.
@@ -227,7 +227,7 @@ def _enclosed(sigmas, beside, column):  # type: ignore[no-untyped-def]  # a kern
 
 
 @nb.njit(cache=True, nogil=True, inline="always")
-def _amid(levels, beside, column):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+def amid(levels, beside, column):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     """Whether half of the neighbours are measured, none of them with a point at a border."""
     found, rim = 0, 0
     for n in range(8):

@@ -25,6 +25,9 @@ STEEP = 3
 def keep_surfaces(found: F32, spread: F32, misfit: F32, place: F32, sigma: F32, *, cell_px: float = 1.0) -> None:
     """Reject the pixels that lie on no surface which their neighbours show, and add the bend of it to sigma.
 
+    Going on straight from the two next pixels in each of eight directions leads to a point of a surface, on its own
+    side of an edge too. A pixel that sees two surfaces at once lies between them.
+
     Parameters
     ----------
     found, spread : ndarray of float32, shape (row, column)
@@ -38,10 +41,8 @@ def keep_surfaces(found: F32, spread: F32, misfit: F32, place: F32, sigma: F32, 
     """
     rise = STEEP * rise_px(found)
     flat, broken = max(1.0, 0.5 * cell_px), rise + 2 * max(cell_px, 1.0)
-    in_slabs(
-        len(found),
-        lambda first, last: _settle(found, spread, misfit, broken, flat, rise, WELL, first, last, place, sigma),
-    )
+    limits = tuple(np.float32(limit) for limit in (broken, flat, rise, WELL))
+    in_slabs(len(found), lambda first, last: _settle(found, spread, misfit, limits, first, last, place, sigma))
 
 
 def rise_px(place: F32) -> float:
@@ -54,71 +55,90 @@ def rise_px(place: F32) -> float:
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _settle(found, sigma, cost, break_px, flat_px, steep_px, well, first, last, place, spread):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
-    """Keep the pixels that lie on a surface which their neighbours show, and add the bend of the surface to sigma.
-
-    Going on straight from the two next pixels in each of eight directions leads to a point of a surface, on its own
-    side of an edge too. A pixel that sees two surfaces at once lies between them.
+def _settle(found, sigma, cost, limits, first, last, place, spread):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """Fill rows `first` to `last`, one direction after the other along a row, so that all its pixels go at once.
 
     Parameters
     ----------
     found, sigma, cost : ndarray of float32, shape (row, column)
-        Of `locate_pixels`.
-    break_px : float
-        A pixel whose neighbours spread over more lies at an edge of a surface.
-    flat_px, steep_px : float
-        How far the way on may miss a pixel of the surface, sigma aside; how much a surface may rise per pixel.
-    well : float
-        Cost of a pixel that fits well.
-    first, last : int
-        Rows to do.
+    limits : (float32, float32, float32, float32)
+        A pixel whose neighbours spread over more lies at an edge of a surface; how far the way on may miss a pixel of
+        the surface, sigma aside; how much a surface may rise per pixel, px; misfit of a pixel that fits well.
     place, spread : ndarray of float32, shape (row, column)
         Filled; NaN where rejected.
     """
     H, W = found.shape
-    nan = np.float32(np.nan)
+    broken, flat, steep, well = limits
+    low, high, bend = np.empty(W, np.float32), np.empty(W, np.float32), np.empty(W, np.float32)
+    hole, straight = np.empty(W, np.uint8), np.empty(W, np.uint8)
+    small = min(H, W) <= 4
     for i in range(first, last):
-        for j in range(W):
-            here = found[i, j]
-            place[i, j], spread[i, j] = nan, nan
-            if here != here:
+        here, own = found[i], sigma[i]
+        low[:], high[:], bend[:], hole[:], straight[:] = here, here, 0, 0, 0
+        for a in range(-1, 2):
+            if not 0 <= i + a < H:
                 continue
-            own = sigma[i, j]
-            low, high, hole, straight = here, here, False, 0
-            for a in range(-1, 2):
-                for b in range(-1, 2):
-                    if (a == 0 and b == 0) or not (0 <= i + a < H and 0 <= j + b < W):
-                        continue
-                    beside = found[i + a, j + b]
-                    if beside != beside:
-                        hole = True
-                        continue
-                    low, high = min(low, beside), max(high, beside)
-                    if not (0 <= i + 2 * a < H and 0 <= j + 2 * b < W):
-                        continue
-                    beyond = found[i + 2 * a, j + 2 * b]
-                    s1, s2 = sigma[i + a, j + b], sigma[i + 2 * a, j + 2 * b]
-                    miss = abs(here - 2 * beside + beyond) - flat_px
-                    rise = abs(beside - beyond) - steep_px
-                    if miss > 0 and miss * miss > 4 * (own * own + 4 * s1 * s1 + s2 * s2):
-                        continue
-                    if rise > 0 and rise * rise > 4 * (s1 * s1 + s2 * s2):
-                        continue
-                    straight += beyond == beyond
-            need = 2
-            if hole or high - low > break_px:
-                need = 3
-            if high - low > 2 * break_px and cost[i, j] > well:
-                need = 4
-            if straight < need and min(H, W) > 4:
-                continue
-            bend = np.float32(0)
-            for a, b in ((0, 1), (1, 0)):
-                if a <= i < H - a and b <= j < W - b:
-                    s1, s2 = sigma[i - a, j - b], sigma[i + a, j + b]
-                    more = found[i - a, j - b] - 2 * here + found[i + a, j + b]
-                    more = more * more - (s1 * s1 + 4 * own * own + s2 * s2)
-                    if more > bend and more < break_px * break_px:
-                        bend = more
-            place[i, j] = here
-            spread[i, j] = np.sqrt(own * own + np.float32(BEND * BEND) * bend)
+            for b in range(-1, 2):
+                if a == 0 and b == 0:
+                    continue
+                begin, end = max(-b, 0), W - max(b, 0)
+                _spread(found[i + a, begin + b : end + b], low[begin:end], high[begin:end], hole[begin:end])
+                begin, end = max(-2 * b, 0), W - max(2 * b, 0)
+                if 0 <= i + 2 * a < H and begin < end:
+                    near, far = slice(begin + b, end + b), slice(begin + 2 * b, end + 2 * b)
+                    _go_on(
+                        here[begin:end], own[begin:end], found[i + a, near], sigma[i + a, near],
+                        found[i + 2 * a, far], sigma[i + 2 * a, far], flat, steep, straight[begin:end],
+                    )  # fmt: skip
+        if W > 2:
+            _bend(found[i, :-2], here[1:-1], found[i, 2:], sigma[i, :-2], own[1:-1], sigma[i, 2:], broken, bend[1:-1])
+        if 0 < i < H - 1:
+            _bend(found[i - 1], here, found[i + 1], sigma[i - 1], own, sigma[i + 1], broken, bend)
+        _keep(here, own, cost[i], low, high, bend, hole, straight, broken, well, small, place[i], spread[i])
+
+
+@nb.njit(cache=True, nogil=True)
+def _spread(beside, low, high, hole):  # type: ignore[no-untyped-def]  # numba infers
+    """Take in a neighbour: the lowest, the highest, whether one is missing."""
+    for n in range(beside.size):
+        value = beside[n]
+        low[n] = value if value < low[n] else low[n]
+        high[n] = value if value > high[n] else high[n]
+        hole[n] |= np.uint8(value != value)
+
+
+@nb.njit(cache=True, nogil=True)
+def _go_on(here, own, beside, s1, beyond, s2, flat, steep, straight):  # type: ignore[no-untyped-def]  # numba infers
+    """Count the directions in which going on straight from the two next pixels leads here."""
+    two, four, zero = np.float32(2), np.float32(4), np.float32(0)
+    for n in range(here.size):
+        miss = max(abs(here[n] - two * beside[n] + beyond[n]) - flat, zero)
+        rise = max(abs(beside[n] - beyond[n]) - steep, zero)
+        of_two = s1[n] * s1[n] + s2[n] * s2[n]
+        of_three = own[n] * own[n] + four * s1[n] * s1[n] + s2[n] * s2[n]
+        leads = (miss * miss <= four * of_three) & (rise * rise <= four * of_two)
+        straight[n] += np.uint8(leads & (beside[n] == beside[n]) & (beyond[n] == beyond[n]))
+
+
+@nb.njit(cache=True, nogil=True)
+def _bend(before, here, after, s1, own, s2, broken, bend):  # type: ignore[no-untyped-def]  # numba infers
+    """Square of the bend of the surface less what sigma explains, the larger one; beyond an edge it is none."""
+    two, four, most = np.float32(2), np.float32(4), broken * broken
+    for n in range(here.size):
+        more = before[n] - two * here[n] + after[n]
+        more = more * more - (s1[n] * s1[n] + four * own[n] * own[n] + s2[n] * s2[n])
+        bend[n] = more if (more > bend[n]) & (more < most) else bend[n]
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _keep(here, own, cost, low, high, bend, hole, straight, broken, well, small, place, spread):  # type: ignore[no-untyped-def]  # numba infers
+    """Judge a row: the more there is beside a pixel that it may be a mixture of, the more must lead to it."""
+    nan, share = np.float32(np.nan), np.float32(BEND * BEND)
+    for n in range(here.size):
+        wide = high[n] - low[n]
+        need = np.uint8(2) + np.uint8((hole[n] > 0) | (wide > broken))
+        need = np.uint8(4) if (wide > broken + broken) & (cost[n] > well) else need
+        kept = small | (straight[n] >= need)
+        place[n] = here[n] if kept else nan
+        error = np.sqrt(own[n] * own[n] + share * bend[n])
+        spread[n] = error if kept & (here[n] == here[n]) else nan

@@ -1,4 +1,4 @@
-"""Compiled loops of the soft decoder of stripes: the blur of a tile, the most likely place of a pixel."""
+"""Compiled loops of the soft decoder of stripes: the most likely place of a pixel."""
 
 from __future__ import annotations
 
@@ -8,16 +8,15 @@ import numba as nb
 import numpy as np
 import numpy.typing as npt
 
-from .stripe_model import DOUBT, WIDTH
+from .apart import read, write
+from .stripe_model import GROUP, LANES, STRIDE, WIDTH
+from .stripe_swings import BLOCK, read_swings
 
-__all__ = ["StripePlaces", "StripeView", "locate_pixels", "reject_washed", "tile_power"]
+__all__ = ["StripePlaces", "StripeView", "locate_pixels", "reject_washed"]
 
 F32 = npt.NDArray[np.float32]
 
-STRIDE = 2  # every other sample is enough to find the best
 FAR = 1e30
-BLANK = 4  # so many patterns at once that are neither black nor white are a boundary of all, or light from elsewhere
-PLAIN = 0.1  # mean square of the swings of a pattern that blur leaves plain to see
 CUT_OFF = 0.02  # variance of swings where white is saturated: they are too large, by how much is not known
 LOOSE = {"reassoc", "contract", "arcp", "nsz"}  # sums may be reordered: what vector instructions need
 
@@ -38,7 +37,7 @@ class StripeView(NamedTuple):
         Which blur of the model.
     tile : int
         Side, camera px.
-    swing, loose, power, first, candidate, per_px
+    swing, comb, loose, power, blank, first, candidate, per_px
         Of the `SwingModel`.
     loosest : ndarray of float32, shape (blur,)
         Largest of `loose`.
@@ -62,9 +61,11 @@ class StripeView(NamedTuple):
     blur: npt.NDArray[np.uint8]
     tile: int
     swing: F32
+    comb: F32
     loose: F32
     loosest: F32
     power: F32
+    blank: npt.NDArray[np.bool_]
     first: npt.NDArray[np.int32]
     candidate: npt.NDArray[np.int32]
     unlike: F32
@@ -87,7 +88,7 @@ class StripePlaces(NamedTuple):
     coarser : ndarray of uint8
         How many of the finest patterns the noise hides.
     blank : ndarray of bool
-        Whether the place is one at which `BLANK` and more patterns are neither black nor white.
+        Whether the place is one that `SwingModel.blank` names.
     """
 
     place: F32
@@ -108,68 +109,42 @@ class StripePlaces(NamedTuple):
         return StripePlaces(self.place[part], self.sigma[part], self.cost[part], self.coarser[part], self.blank[part])
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def tile_power(stack, white, black, plus, minus, tile, lit, loss, power, weight):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
-    """Sum over the lit pixels of each tile what blur leaves of the stripes.
-
-    Parameters
-    ----------
-    stack : ndarray, shape (frame, row, column)
-    plus, minus : ndarray of int64, shape (bits,)
-    tile : int
-        Side, camera px.
-    lit, loss : float
-        Least white minus black, counts; variance of pattern minus inverse, which is taken off.
-    power, weight : ndarray of float64, shape (tile row, tile column, bits) and (tile row, tile column)
-        Filled: squares of pattern minus inverse, and of white minus black.
-    """
-    H, W = stack.shape[1:]
-    bits = plus.size
-    for a in range(weight.shape[0]):
-        for b in range(weight.shape[1]):
-            weight[a, b] = 0
-            power[a, b] = 0
-    for i in range(H):
-        a = i // tile
-        for j in range(W):
-            w, k = float(stack[white, i, j]), float(stack[black, i, j])
-            if w - k < lit:
-                continue
-            b = j // tile
-            weight[a, b] += (w - k) * (w - k) - loss
-            for bit in range(bits):
-                p = float(stack[plus[bit], i, j])
-                swing = p - float(stack[minus[bit], i, j]) if minus[bit] >= 0 else 2 * p - w - k
-                power[a, b, bit] += swing * swing - loss
-
-
 @nb.njit(cache=True, nogil=True, error_model="numpy", fastmath=LOOSE)
-def _distance(seen, swing, level, sample):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
-    """Squared distance of what is seen from what a sample of the model expects.
+def _distance(seen, j, swing, level, sample):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """Squared distance of what pixel `j` of a block saw from what a sample of the model expects.
 
-    The whole table is handed on: a row of it would be a new array, whose references are counted, at the cost of five
+    The whole tables are handed on: a row of one would be a new array, whose references are counted, at the cost of five
     distances.
     """
-    total, at = np.float32(0), np.uintp(sample)
+    total, at, pixel = np.float32(0), np.uintp(sample), np.uintp(j)
     for k in range(WIDTH):
-        d = seen[k] - swing[np.uintp(level), at, np.uintp(k)]
+        d = seen[pixel, np.uintp(k)] - swing[np.uintp(level), at, np.uintp(k)]
         total += d * d
     return total
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy", fastmath=LOOSE)
-def _cost(seen, swing, loose, level, sample, q, more):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
-    """The same in variances: of noise, of white minus black, of the model's own error, of the blur."""
-    total, at = np.float32(0), np.uintp(sample)
+def _fit(seen, j, swing, loose, level, sample, q, more):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """The same in variances (of noise, white minus black, the model's own error, the blur): what a place costs.
+
+    With it Gauss and Newton's step from the sample, and its standard uncertainty, samples.
+    """
+    lev, at, pixel = np.uintp(level), np.uintp(sample), np.uintp(j)
+    before, after = np.uintp(max(sample - 1, 0)), np.uintp(min(sample + 1, swing.shape[1] - 1))
+    cost, curvature, slope = np.float32(0), np.float32(1e-9), np.float32(0)
     for k in range(WIDTH):
-        e = swing[np.uintp(level), at, np.uintp(k)]
-        d = seen[k] - e
-        total += d * d / (more + q * (np.float32(1) + e * e) + loose[np.uintp(level), at, np.uintp(k)])
-    return total
+        n = np.uintp(k)
+        e = swing[lev, at, n]
+        d, rise = seen[pixel, n] - e, (swing[lev, after, n] - swing[lev, before, n]) * np.float32(0.5)
+        known = np.float32(1) / (more + q * (np.float32(1) + e * e) + loose[lev, at, n])
+        cost += d * d * known
+        curvature += rise * rise * known
+        slope += rise * d * known
+    return cost, slope / curvature, np.float32(1) / np.sqrt(curvature)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _scan(seen, word, near, swing, level, first, candidate, per_px, distances, samples):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+def _scan(seen, j, word, near, swing, level, first, candidate, per_px, distances, samples):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     """The sample most like what is seen among the candidates of a word, and the most like it of those not near it."""
     begin = first[level, word]
     count = first[level, word + 1] - begin
@@ -178,7 +153,7 @@ def _scan(seen, word, near, swing, level, first, candidate, per_px, distances, s
         start = candidate[begin + c] * per_px
         least, where = np.float32(FAR), start
         for sample in range(start + STRIDE // 2, start + per_px, STRIDE):
-            here = _distance(seen, swing, level, sample)
+            here = _distance(seen, j, swing, level, sample)
             if here < least:
                 least, where = here, sample
         distances[c], samples[c] = least, where
@@ -191,25 +166,84 @@ def _scan(seen, word, near, swing, level, first, candidate, per_px, distances, s
     return at, other
 
 
-@nb.njit(cache=True, nogil=True, error_model="numpy")
-def _around(seen, middle, near, swing, level, distances):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+@nb.njit(cache=True, nogil=True, error_model="numpy", fastmath=LOOSE)
+def _compare(seen, j, comb, length, begin, size, groups, distances):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """Squared distances of `size` samples, the first of which is `begin` in the comb's first line of a level."""
+    pixel = np.uintp(j)
+    for c in range(size):
+        distances[c] = 0
+    for group in range(groups):
+        bit, at = np.uintp(GROUP * group), begin + GROUP * group * length
+        s0, s1 = seen[pixel, bit], seen[pixel, bit + np.uintp(1)]
+        s2, s3 = seen[pixel, bit + np.uintp(2)], seen[pixel, bit + np.uintp(3)]
+        for c in range(size):
+            d0, d1 = s0 - read(comb, at + c), s1 - read(comb, at + length + c)
+            d2, d3 = s2 - read(comb, at + 2 * length + c), s3 - read(comb, at + 3 * length + c)
+            write(distances, c, distances[c] + d0 * d0 + d1 * d1 + d2 * d2 + d3 * d3)
+
+
+@nb.njit(cache=True, nogil=True)
+def _nearest(codes, size):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """The first place of the least distance: what has no sign has the order of its bits, which need no branch."""
+    best = np.int64(0x7FFFFFFFFFFFFFFF)
+    for c in range(size):
+        best = min(best, (np.int64(codes[c]) << 32) | c)
+    return best & 0xFFFFFFFF
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _around(seen, j, middle, near, swing, comb, level, groups, distances, codes):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     """Compare every other sample near one: the sample most like what is seen, the first compared, how many."""
     last = swing.shape[1] - 1
     low = max(middle - near, 0)
-    count = (min(middle + near, last) - low) // STRIDE + 1
-    best, at = np.float32(FAR), low
+    count = ((min(middle + near, last) - low) >> 1) + 1
+    size, length = (count + LANES - 1) // LANES * LANES, (last + 1) >> 1  # whole registers: odd ends cost more
+    _compare(seen, j, comb, length, (level * 2 + (low & 1)) * WIDTH * length + (low >> 1), size, groups, distances)
+    for c in range(count, size):
+        distances[c] = FAR
+    nearest = _nearest(codes, size)
+    at = low + 2 * nearest
+    best = distances[nearest]
+    before = _distance(seen, j, swing, level, max(at - 1, 0))
+    after = _distance(seen, j, swing, level, min(at + 1, last))
+    aside = -1 if before <= after else 1
+    odd = min(before, after)
+    return min(best, odd), at + aside if odd < best else at, low, count
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _likely(distances, count, low, at, off, scale, spread):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """Mean and standard deviation of the places about as likely as the best one, samples from it; -1: there is none."""
+    limit, number = off + np.float32(16) / scale, 0
     for c in range(count):
-        here = _distance(seen, swing, level, low + c * STRIDE)
-        distances[c] = here
-        if here < best:
-            best, at = here, low + c * STRIDE
-    middle = at
-    for sample in (middle - 1, middle + 1):
-        if 0 <= sample <= last:
-            here = _distance(seen, swing, level, sample)
-            if here < best:
-                best, at = here, sample
-    return best, at, low, count
+        number += distances[c] < limit
+    for c in range(max((at - low - 1) >> 1, 0), min(((at - low + 2) >> 1) + 1, count)):
+        number -= distances[c] < limit
+    if number == 0 and spread <= STRIDE:  # none is farther away than `STRIDE`: neither is their standard deviation
+        return np.float32(0), np.float32(0)
+    total, mean, square = np.float32(0), np.float32(0), np.float32(0)
+    for c in range(count):
+        more_costly = (distances[c] - off) * scale
+        if more_costly < np.float32(16):
+            weight = np.exp(np.float32(-0.5) * more_costly)
+            away = np.float32(low + c * STRIDE - at)
+            total += weight
+            mean += weight * away
+            square += weight * away * away
+    if total == 0:
+        return np.float32(0), np.float32(-1)
+    mean /= total
+    return mean, np.sqrt(max(square / total - mean * mean, np.float32(0)))
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _room(first, near):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+    """How many samples, or candidates of a word, are compared at most."""
+    room = 2 * near + 2 + LANES
+    for level in range(len(first)):
+        for word in range(first.shape[1] - 1):
+            room = max(room, first[level, word + 1] - first[level, word])
+    return room
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -228,44 +262,35 @@ def locate_pixels(view, rows, found):  # type: ignore[no-untyped-def]  # a kerne
     found : StripePlaces
         Filled.
     """
-    stack, white, black, plus, minus = view.stack, view.white, view.black, view.plus, view.minus
-    shift, gain, blur, tile = view.shift, view.gain, view.blur, view.tile
-    swing, loose, loosest, power = view.swing, view.loose, view.loosest, view.power
+    swing, comb, loose, loosest, power = view.swing, view.comb, view.loose, view.loosest, view.power
     first, candidate, unlike, per_px, near = view.first, view.candidate, view.unlike, view.per_px, view.near
-    lit, noise, floor, margin, worst = view.lit, view.noise, view.floor, view.margin, view.worst
+    blur, tile, margin, worst, blanks = view.blur, view.tile, view.margin, view.worst, view.blank
+    stack, white, black, lit, noise, floor = view.stack, view.white, view.black, view.lit, view.noise, view.floor
+    plus, minus, shift, gain = view.plus, view.minus, view.shift, view.gain
     place, sigma, cost, coarser, blank = found.place, found.sigma, found.cost, found.coarser, found.blank
-    bits = plus.size
-    W = stack.shape[2]
-    full = np.iinfo(stack.dtype).max
-    seen = np.zeros(WIDTH, np.float32)
-    room = 2 * near + 2
-    for level in range(len(first)):
-        for candidates in range(first.shape[1] - 1):
-            room = max(room, first[level, candidates + 1] - first[level, candidates])
+    bits, W = plus.size, stack.shape[2]
+    groups, full, nan = (bits + GROUP - 1) // GROUP, np.iinfo(stack.dtype).max, np.float32(np.nan)
+    room = _room(first, near)
     distances, samples = np.empty(room, np.float32), np.empty(room, np.int32)
+    codes = distances.view(np.int32)
+    lanes, seen = np.zeros((WIDTH + 1, BLOCK), np.float32), np.empty((BLOCK, WIDTH), np.float32)
+    light = np.empty(BLOCK, np.float32)
     above = np.full(W, -1, np.int32)
-    last = swing.shape[1] - 1
-    nan = np.float32(np.nan)
     for n in range(rows.size):
         i = rows[n]
         guess = -1
         for j in range(W):
+            b = j % BLOCK
+            if b == 0:
+                read_swings(
+                    stack, white, black, plus, minus, shift, gain, i, j, lanes, seen, light[: min(BLOCK, W - j)]
+                )  # fmt: skip
             place[n, j], sigma[n, j], cost[n, j], blank[n, j] = nan, nan, nan, False
-            w, k = np.float32(stack[white, i, j]), np.float32(stack[black, i, j])
-            light = w - k
-            if light < lit:
+            if light[b] < lit:
                 guess = -1
                 above[j] = -1
                 continue
-            share = np.float32(1) / light
-            word = 0
-            for bit in range(bits):
-                p = np.float32(stack[plus[bit], i, j])
-                other = np.float32(stack[minus[bit], i, j]) if minus[bit] >= 0 else w + k - p
-                s = ((p - other) * share - shift[bit]) * gain[bit]
-                seen[bit] = s
-                word = (word << 1) | (s > 0)
-            q = np.float32(noise * share)
+            q = np.float32(noise) / light[b]
             q = q * q
             more = np.float32(floor * floor)
             if stack[white, i, j] == full:
@@ -273,65 +298,44 @@ def locate_pixels(view, rows, found):  # type: ignore[no-untyped-def]  # a kerne
             level = blur[i // tile, j // tile]
             if guess < 0:
                 guess = above[j]
-            off, best, at, low, count, sure = np.float32(FAR), np.float32(FAR), -1, 0, 0, False
+            off, best, step, spread = np.float32(FAR), np.float32(FAR), np.float32(0), np.float32(0)
+            at, low, count, sure = -1, 0, 0, False
             if guess >= 0:
-                off, at, low, count = _around(seen, guess, near, swing, level, distances)
-                best = _cost(seen, swing, loose, level, at, q, more)
+                off, at, low, count = _around(seen, b, guess, near, swing, comb, level, groups, distances, codes)
+                best, step, spread = _fit(seen, b, swing, loose, level, at, q, more)
                 gap = unlike[level, at] - np.sqrt(off)
                 sure = gap > 0 and gap * gap > (margin + best) * (more + 2 * q + loosest[level])
             if not (sure and best < 0.5 * worst):
-                at, rival = _scan(seen, word, near, swing, level, first, candidate, per_px, distances, samples)
+                word = 0
+                for bit in range(bits):
+                    word = (word << 1) | (seen[b, bit] > 0)
+                at, rival = _scan(seen, b, word, near, swing, level, first, candidate, per_px, distances, samples)
                 if at < 0:
                     guess = -1
                     above[j] = -1
                     cost[n, j] = FAR
                     continue
-                off, at, low, count = _around(seen, at, near, swing, level, distances)
-                best = _cost(seen, swing, loose, level, at, q, more)
-                sure = rival < 0 or _cost(seen, swing, loose, level, rival, q, more) - best > margin
+                off, at, low, count = _around(seen, b, at, near, swing, comb, level, groups, distances, codes)
+                best, step, spread = _fit(seen, b, swing, loose, level, at, q, more)
+                sure = rival < 0 or _fit(seen, b, swing, loose, level, rival, q, more)[0] - best > margin
             cost[n, j] = best
             sure = sure and best <= worst
             guess = at if sure else -1
             above[j] = guess
             if not sure:
                 continue
-            # Gauss and Newton from the best sample
-            before, after = max(at - 1, 0), min(at + 1, last)
-            curvature, slope = np.float32(1e-9), np.float32(0)
-            for bit in range(bits):
-                rise = (swing[level, after, bit] - swing[level, before, bit]) * np.float32(0.5)
-                e = swing[level, at, bit]
-                weight = np.float32(1) / (more + q * (np.float32(1) + e * e) + loose[level, at, bit])
-                curvature += rise * rise * weight
-                slope += rise * (seen[bit] - e) * weight
-            found = at + min(max(slope / curvature, np.float32(-1)), np.float32(1))
-            spread = np.float32(1) / np.sqrt(curvature)
+            here = at + min(max(step, np.float32(-1)), np.float32(1))
+            mean, wide = _likely(distances, count, low, at, off, np.float32(1) / (more + q), spread)
             # where other places nearby are as likely: their mean and spread
-            total, mean, square = np.float32(0), np.float32(0), np.float32(0)
-            scale = np.float32(1) / (more + q)
-            for c in range(count):
-                more_costly = (distances[c] - off) * scale
-                if more_costly < np.float32(16):
-                    weight = np.exp(np.float32(-0.5) * more_costly)
-                    away = np.float32(low + c * STRIDE - at)
-                    total += weight
-                    mean += weight * away
-                    square += weight * away * away
-            if total > 0:
-                mean /= total
-                wide = np.sqrt(max(square / total - mean * mean, np.float32(0)))
-                if spread > STRIDE or (wide > STRIDE and wide > np.float32(0.8) * spread):
-                    found = at + mean
-                    spread = np.sqrt(wide * wide + np.float32(STRIDE * STRIDE / 12))
+            if wide >= 0 and (spread > STRIDE or (wide > STRIDE and wide > np.float32(0.8) * spread)):
+                here = at + mean
+                spread = np.sqrt(wide * wide + np.float32(STRIDE * STRIDE / 12))
             hidden = 0
             while hidden < bits - 1 and power[level, bits - 1 - hidden] < q:
                 hidden += 1
             coarser[n, j] = hidden
-            grey = 0
-            for bit in range(bits):
-                grey += abs(swing[level, at, bit]) < DOUBT and power[level, bit] > PLAIN
-            blank[n, j] = grey >= BLANK
-            place[n, j] = (found + np.float32(0.5)) / per_px - np.float32(0.5)
+            blank[n, j] = blanks[level, at]
+            place[n, j] = (here + np.float32(0.5)) / per_px - np.float32(0.5)
             sigma[n, j] = min(spread, np.float32(near)) / per_px
 
 

@@ -12,19 +12,26 @@ import numpy.typing as npt
 from .codebook import stripe_planes
 from .patterns import AXES, Axis, PatternSet
 
-__all__ = ["DOUBT", "WIDTH", "SwingModel", "apart", "swing_model"]
+__all__ = ["GROUP", "LANES", "STRIDE", "WIDTH", "SwingModel", "apart", "swing_model"]
 
 F32 = npt.NDArray[np.float32]
 I32 = npt.NDArray[np.int32]
 
 WIDTH = 16
 """Bits are padded to so many, so that loops over them have a fixed length and become vector instructions."""
+STRIDE = 2
+"""Every other sample is enough to find the best one."""
+GROUP, LANES = 4, 8
+"""So many bits and so many samples are compared at once."""
 SHARPEST_PX, BLURRIEST, BLURS = 0.15, 1.1, 17
 """Blurs of the tables: standard deviations, from one in projector px to one in cells of the finest stripes."""
 BLUR_SHARE = 0.12
 """How far the blur of a pixel lies from that of its tile, a share: it changes with the slope of the surface."""
 DOUBT = 0.35
 """A bit whose expected swing stays closer to zero may be read either way."""
+BLANK, PLAIN = 4, 0.1
+"""So many patterns at once that are neither black nor white are a boundary of all, or light from elsewhere; of patterns
+that blur leaves plain to see: mean square of their swings."""
 DRAWN = 16
 """Samples per projector pixel at which the stripes are drawn before they are blurred."""
 
@@ -45,8 +52,12 @@ class SwingModel:
     swing, loose : ndarray of float32, shape (blur, sample, WIDTH)
         The expected swing of each bit, -1 to 1, and the variance that a blur not quite known adds to it. Bits beyond
         `bits` are 0.
+    comb : ndarray of float32, shape (blur * STRIDE * WIDTH * n + LANES,)
+        `swing` once more, as it is gone through: by blur, even or odd sample, and bit, n samples side by side.
     power : ndarray of float32, shape (blur, bit)
         Mean square of the swing along the axis.
+    blank : ndarray of bool, shape (blur, sample)
+        Where `BLANK` patterns and more are neither black nor white.
     first : ndarray of int32, shape (blur, 2 ** bits + 1)
         Where the candidates of each word begin.
     candidate : ndarray of int32, shape (n,)
@@ -59,7 +70,9 @@ class SwingModel:
     blur_px: F32
     swing: F32
     loose: F32
+    comb: F32
     power: F32
+    blank: npt.NDArray[np.bool_]
     first: I32
     candidate: I32
 
@@ -104,7 +117,10 @@ def swing_model(patterns: PatternSet, axis: Axis) -> SwingModel:
         candidates.append(found)
         begin += len(found)
         blur_px = blurs.astype(np.float32)
-    return SwingModel(bits, per_px, cell, blur_px, swing, loose, power, first, np.concatenate(candidates))
+    comb = np.append(swing.reshape(BLURS, -1, STRIDE, WIDTH).transpose(0, 2, 3, 1), np.zeros(LANES, np.float32))
+    grey = (np.abs(swing[..., :bits]) < DOUBT) & (power[:, np.newaxis] > PLAIN)
+    blank = grey.sum(axis=2) >= BLANK
+    return SwingModel(bits, per_px, cell, blur_px, swing, loose, comb, power, blank, first, np.concatenate(candidates))
 
 
 @lru_cache(maxsize=32)

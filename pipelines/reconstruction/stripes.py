@@ -22,8 +22,9 @@ from .light import frame_of
 from .patterns import AXES, Axis
 from .pixel_maps import Decoded
 from .settle import keep_surfaces, rise_px
-from .stripe_kernels import StripePlaces, StripeView, locate_pixels, reject_washed, tile_power
+from .stripe_kernels import StripePlaces, StripeView, locate_pixels, reject_washed
 from .stripe_model import SwingModel, apart, swing_model
+from .stripe_swings import tile_power
 
 __all__ = ["decode_stripes"]
 
@@ -124,9 +125,8 @@ class _Job:
         rows, columns = self.stack.shape[1:]
         tiles = -(-rows // TILE), -(-columns // TILE)
         power, weight = np.empty((*tiles, model.bits)), np.empty(tiles)
-        tile_power(
-            self.stack, self.white, self.black, self.plus, self.minus, TILE, self.lit, self.noise**2, power, weight
-        )  # fmt: skip
+        given = self.stack, self.white, self.black, self.plus, self.minus, TILE, self.lit, self.noise**2
+        in_slabs(tiles[0], lambda first, last: tile_power(*given, power, weight, first, last), least=4)
         kept = uniform_filter(power[..., -FINE:].sum(axis=-1), 3, mode="nearest")
         weight = uniform_filter(weight, 3, mode="nearest")
         whole = weight > 0
@@ -150,9 +150,11 @@ class _Job:
             blur=self.blur,
             tile=TILE,
             swing=model.swing,
+            comb=model.comb,
             loose=model.loose,
             loosest=self.loosest,
             power=model.power,
+            blank=model.blank,
             first=model.first,
             candidate=model.candidate,
             unlike=self.unlike,

@@ -32,12 +32,13 @@ Floats = npt.NDArray[np.float32]
 
 def locate(frames: Frames, *, local_integration: bool = False) -> Decoded:
     """Decode a capture and place each pixel within its cell: `decode`, then `refine`; `integrate` if asked for."""
-    cells = decode(frames)
-    found = refine(frames, cells)
-    return integrate(frames, cells, found, read_light(frames, RUNS)) if local_integration else found
+    light = read_light(frames, RUNS)
+    cells = decode(frames, noise=light.noise)
+    found = refine(frames, cells, light)
+    return integrate(frames, cells, found, light) if local_integration else found
 
 
-def refine(frames: Frames, decoded: Decoded) -> Decoded:
+def refine(frames: Frames, decoded: Decoded, light: Light | None = None) -> Decoded:
     """Place each decoded pixel within its cell.
 
     Along the image direction in which an axis grows faster, the two edges of the pixel's cell are where the bit that
@@ -56,6 +57,8 @@ def refine(frames: Frames, decoded: Decoded) -> Decoded:
     frames : Frames
     decoded : Decoded
         Of these frames.
+    light : Light, optional
+        Of these frames; read from them if absent.
 
     Returns
     -------
@@ -64,7 +67,7 @@ def refine(frames: Frames, decoded: Decoded) -> Decoded:
     """
     if not isinstance(decoded, Cells):
         return decoded
-    light = read_light(frames, RUNS)
+    light = light or read_light(frames, RUNS)
     found: list[tuple[Floats, Floats]] = []
     for number, cells in enumerate(decoded.axes):
         place, sigma = (np.empty(frames.stack.shape[1:], np.float32) for _ in range(2))

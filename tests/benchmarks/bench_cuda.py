@@ -74,7 +74,8 @@ def _compare(frames: Frames, rig: Calibration, grid: Grid, cpu: Device, card: De
 def _card_codes(frames: Frames) -> list[npt.NDArray[np.uint16]]:
     from pipelines.reconstruction.cuda import card, gray
 
-    return [each.copy_to_host() for each in gray.decode_gray(frames, card.up(frames.stack)).steps]
+    noise = read_light(frames, RUNS_OF_LIGHT).noise
+    return [each.copy_to_host() for each in gray.decode_gray(frames, card.up(frames.stack), noise).steps]
 
 
 def _line(each: Difference) -> str:
@@ -149,8 +150,9 @@ def _one_scan(frames: Frames, rig: Calibration, grid: Grid, step: Callable[[str,
 
     step("(frames to the card from ordinary memory)", lambda: up(frames.stack))
     stack = step("frames to the card", lambda: up_quickly(frames.stack))
-    steps = step(DECODE, lambda: gray.decode_gray(frames, stack))
-    placed = step(PLACE, lambda: place.place(frames, steps))
+    light = step("light and noise (on the CPU)", lambda: read_light(frames, RUNS_OF_LIGHT))
+    steps = step(DECODE, lambda: gray.decode_gray(frames, stack, light.noise))
+    placed = step(PLACE, lambda: place.place(frames, steps, light))
     planes = step(POINTS, lambda: points.triangulate(placed, points.sight_of(placed, rig)))
 
     def clean() -> None:
@@ -164,9 +166,6 @@ def _one_scan(frames: Frames, rig: Calibration, grid: Grid, step: Callable[[str,
     given = on_grid, texture, placed.level, grid, _usual(rig, grid), max(1.0, SHARED * stripe)
     out = step(CELLS, lambda: filled.fill_cells(*given))
     step("height map back", lambda: [each.copy_to_host() for each in out])
-    step(
-        "(of decode and sub-pixel, on the CPU: light)", lambda: (read_light(frames), read_light(frames, RUNS_OF_LIGHT))
-    )
 
 
 if __name__ == "__main__":

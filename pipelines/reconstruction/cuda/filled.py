@@ -24,9 +24,9 @@ from ..cell_kernels import (
     SQUARE,
     WEIGHT,
 )
-from ..grid_kernels import STEEPEST, _add, _cells, _half, _overlap
+from ..grid_kernels import STEEPEST, add_point, cells_met, half_side, overlap
 from ..lay_kernels import CODE, FINE, OFFSET
-from ..mend_kernels import _amid, _dense, _enclosed
+from ..mend_kernels import amid, dense, enclosed
 from .card import OnCard, clear, empty, kernel, launch
 from .laid import LaidOnCard
 
@@ -100,10 +100,10 @@ def _count(cell, sigma, local, usual, shape, wide, own, cover):  # type: ignore[
             continue
         cuda.atomic.add(own, at, 1)
         if wide or not sigma[p] > 0:
-            hx, hy = _half(local[p, 2], usual[0]), _half(local[p, 3], usual[1])
+            hx, hy = half_side(local[p, 2], usual[0]), half_side(local[p, 3], usual[1])
             x, y = local[p, 0] / np.float32(OFFSET), local[p, 1] / np.float32(OFFSET)
-            top, bottom = _cells(at // shape[1], y, hy, shape[0])
-            left, right = _cells(at % shape[1], x, hx, shape[1])
+            top, bottom = cells_met(at // shape[1], y, hy, shape[0])
+            left, right = cells_met(at % shape[1], x, hx, shape[1])
             for i in range(top, bottom):
                 for j in range(left, right):
                     cuda.atomic.add(cover, i * shape[1] + j, 1)
@@ -133,10 +133,10 @@ def _note(cell, sigma, local, usual, shape, wide, own, cover, owned, covering): 
             continue
         owned[cuda.atomic.add(own, at, 1)] = p
         if wide or not sigma[p] > 0:
-            hx, hy = _half(local[p, 2], usual[0]), _half(local[p, 3], usual[1])
+            hx, hy = half_side(local[p, 2], usual[0]), half_side(local[p, 3], usual[1])
             x, y = local[p, 0] / np.float32(OFFSET), local[p, 1] / np.float32(OFFSET)
-            top, bottom = _cells(at // shape[1], y, hy, shape[0])
-            left, right = _cells(at % shape[1], x, hx, shape[1])
+            top, bottom = cells_met(at // shape[1], y, hy, shape[0])
+            left, right = cells_met(at % shape[1], x, hx, shape[1])
             for i in range(top, bottom):
                 for j in range(left, right):
                     covering[cuda.atomic.add(cover, i * shape[1] + j, 1)] = p
@@ -179,14 +179,14 @@ def _fill(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
             texture[row + 1, column], level[row + 1, column] = 0, LEVEL_NONE
             continue
         at = row * columns + column
-        sums = cuda.local.array((PARTS, 1), float32)  # as `_add` takes them: a column per cell
+        sums = cuda.local.array((PARTS, 1), float32)  # as `add_point` takes them: a column per cell
         for part in range(PARTS):
             sums[part, 0] = zero
         sums[LOW, 0], sums[HIGH, 0] = np.float32(np.inf), np.float32(-np.inf)
         deepest, rim = 0, 0
         for k in range(begins[at], ends[at]):
             p = owned[k]
-            _add(sums, 0, above[p], local, slope, p, sigma_in[p], texture_in[p])
+            add_point(sums, 0, above[p], local, slope, p, sigma_in[p], texture_in[p])
             sums[LOW, 0], sums[HIGH, 0] = min(sums[LOW, 0], above[p]), max(sums[HIGH, 0], above[p])
             if sigma_in[p] > 0:
                 sides = (np.int32(local[p, 2]) + 128) * (np.int32(local[p, 3]) + 128)
@@ -255,9 +255,9 @@ def _fill(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
 @cuda.jit(device=True)
 def _share(p, cell, local, usual, columns, row, column):  # type: ignore[no-untyped-def]  # numba infers the types
     """Lengths along y and x that the footprint of a pixel has within a cell."""
-    hx, hy = _half(local[p, 2], usual[0]), _half(local[p, 3], usual[1])
+    hx, hy = half_side(local[p, 2], usual[0]), half_side(local[p, 3], usual[1])
     x, y = local[p, 0] / np.float32(OFFSET), local[p, 1] / np.float32(OFFSET)
-    return _overlap(cell[p] // columns + y, hy, row), _overlap(cell[p] % columns + x, hx, column)
+    return overlap(cell[p] // columns + y, hy, row), overlap(cell[p] % columns + x, hx, column)
 
 
 @cuda.jit(device=True)
@@ -271,7 +271,7 @@ def _choose(sums, begin, end, owned, above, local, slope, sigma, texture):  # ty
     for k in range(begin, end):
         p = owned[k]
         if (2 * above[p] > sums[LOW, 0] + sums[HIGH, 0]) == (upper >= 0):
-            _add(sums, 0, above[p], local, slope, p, sigma[p], texture[p])
+            add_point(sums, 0, above[p], local, slope, p, sigma[p], texture[p])
 
 
 @cuda.jit(device=True)
@@ -279,7 +279,7 @@ def _between(levels, beside):  # type: ignore[no-untyped-def]  # numba infers th
     """Whether no pixel is missing between two opposite neighbours."""
     found = False
     for k in range(4):
-        found |= _dense(levels[beside[k]], levels[beside[7 - k]])
+        found |= dense(levels[beside[k]], levels[beside[7 - k]])
     return found
 
 
@@ -302,7 +302,7 @@ def _mend(heights, sigmas, lights, levels, gap, height, sigma, texture, level): 
             beside[k], beside[7 - k] = here - columns - 1 + k, here + columns + 1 - k
         beside[3], beside[4] = here - 1, here + 1
         if spread < 0:
-            if inside and _enclosed(sigmas, beside, 0):  # few points, but all around
+            if inside and enclosed(sigmas, beside, 0):  # few points, but all around
                 sigma[row, column], level[row, column] = -spread, levels[here] & (RIM - 1)
             else:
                 height[row, column], sigma[row, column] = np.float32(np.nan), np.float32(np.nan)
@@ -310,9 +310,9 @@ def _mend(heights, sigmas, lights, levels, gap, height, sigma, texture, level): 
         elif inside:
             least, opposite = RIM, True
             if not _between(levels, beside):
-                if _enclosed(sigmas, beside, 0):
+                if enclosed(sigmas, beside, 0):
                     least = LEVEL_NONE
-                elif _amid(levels, beside, 0):
+                elif amid(levels, beside, 0):
                     opposite = False
                 else:
                     continue

@@ -13,7 +13,7 @@ from ..decode import LEAST_SWING, GrayPass, ends_of
 from ..fallback import fall_back
 from ..frames import Frames
 from ..kernels import BLOCK, EVERY, GROUP, GROUPS, NO_CELL, TILE, half_step
-from ..light import ROUNDING, read_light
+from ..light import ROUNDING
 from ..stray_light import refuse_strays
 from .card import OnCard, clear, empty, kernel, launch, up
 
@@ -31,10 +31,10 @@ class Steps:
     contrast: OnCard
 
 
-def decode_gray(frames: Frames, stack: OnCard) -> Steps:
-    """Decode a capture whose stack is on the card, as `decode` does; light and noise are read on the CPU."""
+def decode_gray(frames: Frames, stack: OnCard, noise: float) -> Steps:
+    """Decode a capture whose stack is on the card, as `decode` does; `noise` is that of a pixel's value, counts."""
     rows, columns = frames.stack.shape[1:]
-    given = GrayPass(frames, LEAST_SWING, max(read_light(frames).noise, ROUNDING))
+    given = GrayPass(frames, LEAST_SWING, max(noise, ROUNDING))
     steps = empty((rows, columns), np.uint16), empty((rows, columns), np.uint16)
     contrast = empty((rows, columns), np.uint8)
     coarse = _decode_all(given, stack, (0.0, 0.0), steps, contrast)

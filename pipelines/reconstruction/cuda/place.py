@@ -6,14 +6,14 @@ import numpy as np
 from numba import cuda, float32
 
 from ..cells import AxisCells
-from ..edge_kernels import REACH, _crossings, _edges_between, levels_of
+from ..edge_kernels import REACH, crossings, edges_between, levels_of
 from ..frames import Frames
 from ..kernels import NO_CELL
-from ..light import read_light
+from ..light import Light
 from ..line_pictures import line_pictures, raster
 from ..pixel_maps import Decoded
 from ..scatter_kernels import LINES, TILE, _add_bend, _limit, _root, _second, _sum_of, _unexplained, _usual, lags_across
-from ..subpixel import RUNS, shared_by, telling_lines
+from ..subpixel import shared_by, telling_lines
 from ..threshold import tilt_of
 from .card import OnCard, cached, clear, empty, kernel, launch, up
 from .gray import Steps
@@ -36,9 +36,8 @@ def bring(decoded: Decoded) -> Placed:
     )
 
 
-def place(frames: Frames, found: Steps) -> Placed:
-    """Place each decoded pixel within its cell, as `subpixel.refine` does; the light is read on the CPU."""
-    light = read_light(frames, RUNS)
+def place(frames: Frames, found: Steps, light: Light) -> Placed:
+    """Place each decoded pixel within its cell, as `subpixel.refine` does."""
     shape = found.contrast.shape
     size = found.contrast.size
     level = clear(size, np.uint8)
@@ -72,7 +71,7 @@ def _between_edges(
     of_patterns = given.plus, given.minus, given.edge, given.centre, given.width
     plus, minus, edge, centre, width = cached((frames.patterns, axis), lambda: [up(each) for each in of_patterns])
     launch(
-        _place, steps.size, found.stack, given.white, given.black, plus, minus, up(given.tilt),
+        _place, steps.size, found.stack, given.white, given.black, plus, minus, up(given.tilt), up(given.wave),
         edge, centre, width, up(given.unsure), given.noise, given.scale, steps, found.contrast, down, fine, spread,
     )  # fmt: skip
     _settled(fine, spread, down, reach)
@@ -138,6 +137,7 @@ def _place(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     plus,
     minus,
     tilt,
+    wave,
     edge,
     middle,
     wide,
@@ -168,17 +168,17 @@ def _place(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
                 stop += 1
         filled = False
         if here != NO_CELL and start > 0 and stop < end and stop - start <= REACH:
-            _, first = _edges_between(steps[i0 + (start - 1) * di, j0 + (start - 1) * dj], here)
-            last, _ = _edges_between(here, steps[i0 + stop * di, j0 + stop * dj])
+            _, first = edges_between(steps[i0 + (start - 1) * di, j0 + (start - 1) * dj], here)
+            last, _ = edges_between(here, steps[i0 + stop * di, j0 + stop * dj])
             if first >= 0 and last >= 0:
-                position, error = _crossings(
-                    stack, white, black, plus, minus, tilt, contrast, scale, noise,
+                position, error = crossings(
+                    stack, white, black, plus, minus, tilt, wave, contrast, scale, noise,
                     first, i0 + start * di, j0 + start * dj, di, dj,
                 )  # fmt: skip
                 known = position == position
                 behind, value = np.float32(start) + position, edge[first]
-                position, own = _crossings(
-                    stack, white, black, plus, minus, tilt, contrast, scale, noise,
+                position, own = crossings(
+                    stack, white, black, plus, minus, tilt, wave, contrast, scale, noise,
                     last, i0 + stop * di, j0 + stop * dj, di, dj,
                 )  # fmt: skip
                 length, rise = np.float32(stop) + position - behind, edge[last] - value

@@ -17,11 +17,12 @@ from ...scan import Scan
 from ..decode import decode
 from ..frames import Frames
 from ..height_doubt import doubt_mm, doubt_of_cells
-from ..light import frame_of
+from ..light import frame_of, read_light
 from ..pixel_maps import Decoded, PointMap
 from ..reconstruct import check_projector
 from ..rig_model import Calibration
 from ..smooth_cells import reach_of, tell_smooth
+from ..subpixel import RUNS
 from ..surface import SHARED, _usual, stripe_px, stripe_raster
 from ..surface import _stripe_px as stripe_px_of
 from ..triangulate_parallel import triangulate_parallel
@@ -132,9 +133,10 @@ def scan_frames(frames: Frames, calibration: Calibration, grid: Grid, *, remove_
 
 
 def _placed(frames: Frames) -> Placed:
+    light = read_light(frames, RUNS)
     if frames.patterns.kind != "gray":
-        return bring(decode(frames))
-    return place(frames, decode_gray(frames, up_quickly(frames.stack)))
+        return bring(decode(frames, noise=light.noise))
+    return place(frames, decode_gray(frames, up_quickly(frames.stack), light.noise), light)
 
 
 def _gridded(

@@ -31,8 +31,8 @@ def synthetic(seed: int = 3) -> Stack:
     from scipy.ndimage import gaussian_filter
 
     rng = np.random.default_rng(seed)
-    view = replace(slanted(360, 480, PATTERNS.size, 1.1), noise=1.2, flicker=0.008, blur_px=0.6)
-    grain = gaussian_filter((0.6 + 0.4 * rng.random((90, 120))).repeat(4, 0).repeat(4, 1), 1.5)
+    view = replace(slanted(240, 320, PATTERNS.size, 1.1), noise=1.2, flicker=0.008, blur_px=0.6)
+    grain = gaussian_filter((0.6 + 0.4 * rng.random((60, 80))).repeat(4, 0).repeat(4, 1), 1.5)
     frames = take(view, PATTERNS, seed=seed).stack
     return clipped(frames * grain + rng.normal(0, 1, frames.shape))
 

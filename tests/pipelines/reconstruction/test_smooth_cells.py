@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pipelines.reconstruction.smooth_cells import reach_of, tell_smooth
+from pipelines.reconstruction.smooth_cells import ladder, reach_of, tell_smooth
 
 SHAPE = (150, 170)
 NOISE = 0.5e-3
@@ -54,3 +54,23 @@ def test_what_is_not_measured_stays_unmeasured_and_too_little_tells_nothing() ->
 def test_two_stripes_are_apart() -> None:
     assert reach_of(1.6, (0.3, 0.4)) == 8
     assert reach_of(5.0, (0.7, 1.0)) == 20
+
+
+PERIODS = np.linspace(2, 32, 601)
+
+
+@pytest.mark.parametrize("reach", [8, 10, 13, 20, 24, 31])
+def test_no_period_hides_from_all_distances(reach: int) -> None:
+    """In closed form: rms of second differences over that of an independent error of the same size."""
+    shown = [np.sqrt(16 / 6) * np.sin(np.pi * lag / PERIODS) ** 2 for lag in ladder(reach)]
+    assert np.max(shown, axis=0).min() > 0.75
+
+
+@pytest.mark.parametrize("period", [2, 2.7, 4, 5.3, 8, 11, 16, 21.7, 32])
+@pytest.mark.parametrize("way", [(1, 0), (0, 1), (1, 0.75)])
+def test_an_error_that_repeats_is_not_taken_for_smooth(period: float, way: tuple[float, float]) -> None:
+    v, u = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    ripple = np.sqrt(2) * NOISE * np.sin(2 * np.pi * (way[0] * u + way[1] * v) / period + 1)
+    sigma = np.full(SHAPE, NOISE, np.float32)
+    tell_smooth((2e-3 * u - 1e-3 * v + ripple).astype(np.float32), sigma, 8)
+    assert np.median(sigma) > 0.8 * NOISE
