@@ -11,10 +11,11 @@ import pandas as pd
 
 from configs import InputError
 from pipelines import AlarmState, Event, Instant, Measurement, StandingAlarm, format_instant, standing_alarms
-from storage import About, Inbox, ScanTable, Store, Stored, scan_table
+from storage import About, ScanTable, Store, Stored, scan_table
 
 from .alarm_limits import AlarmLimits, alarm_limits
 from .campaign_text import counted_cells, max_lag_hours, settings_of, stable_cells
+from .happened import known_events
 from .metric_names import Named, name_metric
 from .rates import RateMap, rate_map_of
 from .region import Region, measure_inside
@@ -200,7 +201,6 @@ def gather(
     series = store.series().iloc[inside]
     if region is not None:
         series = _measured_anew(series, anew)
-    waiting = (event for _, event in Inbox(about.location).waiting())
     return Findings(
         about=about,
         scans=len(inside),
@@ -212,7 +212,7 @@ def gather(
         metrics=tuple(name_metric(name, unit) for name, unit in about.metrics.items()),
         limits=alarm_limits(about.campaign),
         visits=tuple(each for each in visits(store, list(table.planned)) if period.holds(each.planned)),
-        events=tuple(each for each in (*store.events, *waiting) if period.last is None or each.time <= period.last),
+        events=tuple(each for each in known_events(store) if period.last is None or each.time <= period.last),
         quality=tuple(quality),
         table=table,
         counted=counted,
