@@ -21,7 +21,14 @@ _BACKGROUND = (24, 26, 30)
 
 
 def surface_view(
-    scales: Scales, name: str, *, colours: str = "", baseline: bool = False, cracks: bool = False, far: float = 1.0
+    scales: Scales,
+    name: str,
+    *,
+    colours: str = "",
+    baseline: bool = False,
+    cracks: bool = False,
+    tracks: bool = False,
+    far: float = 1.0,
 ) -> rrb.Spatial3DView:
     """Look at the whole surface from an oblique angle, from the front and a little from the left.
 
@@ -49,7 +56,11 @@ def surface_view(
         overrides[mesh] = rr.Mesh3D.from_fields().visualizer(mappings=[mapping])
     return rrb.Spatial3DView(
         origin=origin,
-        contents=[origin, mesh, *([f"{origin}/cracks"] if cracks else [])],
+        contents=[
+            *(origin, mesh),
+            *([f"{origin}/cracks"] if cracks else []),
+            *([f"{paths.SURFACE_PATHS}/**"] if tracks else []),
+        ],
         name=f"{name}, mm{taller}",
         overrides=overrides,
         background=rrb.Background(color=list(_BACKGROUND), kind=rrb.BackgroundKind.SolidColor),

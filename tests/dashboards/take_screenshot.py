@@ -26,7 +26,6 @@ from PIL import Image
 from dashboards.viewer import free_port, viewer_program
 
 if TYPE_CHECKING:
-    from rerun.experimental import ViewerClient
     from rerun.experimental._viewer_client import View
 
 PACKAGES = ("libegl1", "libgl1-mesa-dri", "libvulkan1", "mesa-vulkan-drivers")
@@ -50,8 +49,11 @@ def missing_libraries() -> str:
 class Looker:
     """A headless viewer that shows one recording at a time."""
 
-    def __init__(self, client: ViewerClient, pid: int, patience_s: float = 60.0) -> None:
-        self._client = client
+    def __init__(self, address: str, pid: int, patience_s: float = 60.0) -> None:
+        from rerun.experimental import ViewerClient
+
+        self.address = address
+        self._client = ViewerClient(address)
         self._pid = pid
         self._patience_s = patience_s
 
@@ -140,8 +142,6 @@ def _pixels(png: bytes) -> Picture:
 @contextmanager
 def looker(source: Path | str | None = None, size: str = "1920x1080", memory: str = "75%") -> Iterator[Looker]:
     """Start a headless viewer on a free port, open a recording in it if one is given, and end it afterwards."""
-    from rerun.experimental import ViewerClient
-
     with tempfile.TemporaryDirectory() as runtime:
         before = os.environ.get("XDG_RUNTIME_DIR")
         os.environ["XDG_RUNTIME_DIR"] = before or runtime
@@ -158,7 +158,7 @@ def looker(source: Path | str | None = None, size: str = "1920x1080", memory: st
             )
             try:
                 _wait_for(port, viewer)
-                look = Looker(ViewerClient(f"rerun+http://127.0.0.1:{port}/proxy"), viewer.pid)
+                look = Looker(f"rerun+http://127.0.0.1:{port}/proxy", viewer.pid)
                 if source is not None:
                     look.open(source)
                 yield look

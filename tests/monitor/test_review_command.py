@@ -9,6 +9,7 @@ import subprocess
 import sys
 import urllib.request
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +17,7 @@ import psutil
 import pytest
 
 from monitor.cli import main
+from storage import open_store
 from tests.dashboards.drying import DryingStore, drying_store
 from tests.dashboards.filled_store import fill_store
 
@@ -190,6 +192,79 @@ def test_the_web_review_listens_on_this_machine_alone_and_ends_with_us(store: Pa
         finally:
             if reviewing.poll() is None:
                 reviewing.kill()
+
+
+def logged(file: Path, path: str) -> list[str]:
+    """What a recording says at one path, in words."""
+    from rerun.chunk import RrdReader
+
+    said: list[str] = []
+    for chunk in RrdReader(file).store().stream():
+        if str(chunk.entity_path) == path:
+            columns = chunk.to_record_batch().to_pydict()
+            said += [str(value) for name, values in columns.items() if name.startswith("T") for value in values]
+    return said
+
+
+def test_a_remark_is_shown_by_review_and_report(run: Run, tmp_path: Path) -> None:
+    store = fill_store(drying_store(3, 20), tmp_path / "plot.icechunk")
+    about = ("--scan", "1", "--region=-2,-2,2,2", "--by", "Ann")
+    ended = run("annotate", store, "watered,\n 200 ml", *about)
+    assert ended.returncode == 0, ended.stderr
+    told = "watered, 200 ml (Ann, scan 1, region (-2, -2), (2, -2), (2, 2), (-2, 2) mm)"
+    assert ended.stdout == f"kept, 2026-05-04T12:00:00Z: {told}\n"
+    assert run("annotate", store, "rain", "--time", "2026-05-04T14:00", "--by", "Bo").returncode == 0
+    with closing(open_store(store, write=True)):  # while somebody writes it, it waits, and is shown all the same
+        ended = run("annotate", store, "newest", "--by", "Cy")
+        assert "takes it into the store with its next visit" in ended.stdout
+        run("report", store, "--out", "out")
+        run("review", store, "--save", "r.rrd")
+    page = (tmp_path / "out/report.html").read_text()
+    lines = "\n".join(logged(tmp_path / "r.rrd", "/log"))
+    for words in (told, "rain (Bo)", "newest (Cy, scan 2)"):
+        assert words in page
+        assert words in lines
+    assert "2026-05-04 14:00  annotation: rain" in lines
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ((" ",), "TEXT is empty"),
+        (("rain", "--scan", "0", "--time", "2026-05-04"), "--scan and --time exclude each other"),
+        (("rain", "--scan", "9"), "--scan 9: there is no such scan"),
+        (("rain", "--time", "noon"), "--time noon: "),
+        (("rain", "--region", "9,9,10,10"), "the region holds no cell"),
+    ],
+)
+def test_a_remark_about_nothing_is_refused(words: tuple[str, ...], says: str, store: Path, run: Run) -> None:
+    ended = run("annotate", store, *words)
+    assert ended.returncode == 2
+    assert says in one_line(ended)
+
+
+def test_paths_of_what_moves_are_shown_up_to_each_scan(store: Path, run: Run, tmp_path: Path) -> None:
+    times = ("2026-05-04T06:00:00Z", "2026-05-04T12:00:00Z", "2026-05-05T00:00:00Z")
+    rows = [f"{time},{name},{0.5 * n},{name},0.1" for n, time in enumerate(times) for name in (1, 2)]
+    (tmp_path / "paths.csv").write_text("\n".join(["time,identity,x [mm],y [mm],z [mm]", *rows]))
+    ended = run("review", store, "--save", "r.rrd", "--paths", "paths.csv", "--preset", "video")
+    assert ended.returncode == 0, ended.stderr
+    from rerun.chunk import RrdReader
+
+    trails: dict[int, list[int]] = {}
+    for chunk in RrdReader(tmp_path / "r.rrd").store().stream():
+        if str(chunk.entity_path) == "/maps/paths/trails":
+            columns = chunk.to_record_batch().to_pydict()
+            strips = columns["LineStrips2D:strips"]
+            trails |= {n: [len(each) for each in some] for n, some in zip(columns["scan"], strips, strict=True)}
+    assert trails == {0: [1, 1], 1: [2, 2], 2: [3, 3], 3: [], 4: []}
+
+    for text, why in (("a,b\n1,2\n", "no table of paths"), (rows[0], "no table of paths")):
+        (tmp_path / "other.csv").write_text(text)
+        assert why in one_line(run("review", store, "--save", "r.rrd", "--paths", "other.csv"))
+    assert "No such file" in one_line(run("review", store, "--save", "r.rrd", "--paths", "gone.csv"))
+    (tmp_path / "late.csv").write_text("time,identity,x,y,z\n2027-01-01T00:00:00Z,1,0,0,0\n")
+    assert "is of another store" in one_line(run("review", store, "--save", "r.rrd", "--paths", "late.csv"))
 
 
 def test_report_of_a_site_in_alarm_exits_3(store: Path, run: Run, tmp_path: Path) -> None:
