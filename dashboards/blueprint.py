@@ -120,7 +120,7 @@ def _cracks(layout: Layout) -> Any:
     return rrb.Horizontal(
         rrb.Vertical(
             surface_view(scales, "Surface by change, cracks", colours="change", cracks=True),
-            rrb.Horizontal(lanes(), document(paths.CRACK_TABLE, "Cracks of this scan"), column_shares=[2, 3]),
+            rrb.Horizontal(lanes(), document(paths.CRACK_TABLE, "Cracks of this scan"), column_shares=[7, 13]),
             row_shares=[3, 1.5],
         ),
         rrb.Vertical(
@@ -186,7 +186,7 @@ def _quality(layout: Layout) -> Any:
         ),
         rrb.Vertical(
             map_view(scales, paths.SIGMA, "Standard uncertainty, mm: dark is sure"),
-            map_view(scales, paths.LEVEL, "Stripes resolved"),
+            map_view(scales, paths.LEVEL, "Stripes resolved: 0 the finest, + coarser"),
             map_view(scales, paths.CAMERA, "Camera", bar=False),
         ),
         rrb.Vertical(

@@ -179,7 +179,7 @@ def _log_limits(stream: rr.RecordingStream, campaign: str, groups: Sequence[Tren
                 continue
             number = count[alarm.metric] = count.get(alarm.metric, 0) + 1
             path = paths.limit(alarm.metric, number)
-            words = f"{alarm.name}: {line.grade} {line.side}"
+            words = f"{alarm.name}: {line.grade}{' below' if line.side == 'below' else ''}"
             colour = STATE_COLOURS["warning" if line.grade == "warning" else "alarm"]
             stream.log(path, rr.SeriesLines(names=words, colors=colour, widths=1.0), static=True)
             stream.send_columns(

@@ -14,7 +14,7 @@ from storage import ScanTable, Store, scan_table
 
 from . import paths
 from .draw_scan import set_times, to_pixels
-from .palette import LINES
+from .palette import LABELS, LINES
 from .scales import Scales
 
 if TYPE_CHECKING:
@@ -85,10 +85,15 @@ def log_tracks(
         stream.log(f"{paths.MAP_PATHS}/trails", rr.LineStrips2D(flat, colors=colours, radii=width))
         stream.log(
             f"{paths.MAP_PATHS}/here",
-            rr.Points2D([each[-1] for each in flat], colors=colours, labels=labels, radii=dot, show_labels=True),
+            # their names under the pointer: all of them would hide the map
+            rr.Points2D([each[-1] for each in flat], colors=colours, labels=labels, radii=dot, show_labels=False),
         )
         stream.log(f"{paths.SURFACE_PATHS}/trails", rr.LineStrips3D(solid, colors=colours, radii=width))
         stream.log(
             f"{paths.SURFACE_PATHS}/here",
-            rr.Points3D([each[-1] for each in solid], colors=colours, labels=labels, radii=dot, show_labels=True),
+            rr.Points3D([each[-1] for each in solid], colors=colours, radii=dot),
+        )
+        stream.log(
+            f"{paths.SURFACE_PATHS}/names",
+            rr.Points3D([each[-1] for each in solid], colors=[LABELS], labels=labels, radii=0.0, show_labels=True),
         )

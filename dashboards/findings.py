@@ -26,6 +26,9 @@ __all__ = ["Findings", "Period", "Quality", "gather", "gather_numbers", "quality
 _MOST_READ = 32
 """Scans whose cells are read: a long campaign is sampled evenly, its newest scan always in."""
 
+_MEASURED_CELLS = 40_000_000
+"""Inside a region all scans are measured that have so many cells together: a minute of one core."""
+
 
 @dataclass(frozen=True, slots=True)
 class Period:
@@ -69,7 +72,7 @@ class Findings:
     between : tuple of Stored
         A few scans with a change, oldest first, the newest among them: what a strip of maps shows.
     series : DataFrame
-        As `Store.series` gives it, of the period; inside a region measured anew, for the sampled scans.
+        As `Store.series` gives it, of the period; inside a region measured anew, for the scans that were read.
     times : ndarray of datetime64[ns], shape (rows of the series,)
         UTC.
     metrics : tuple of Named
@@ -182,7 +185,10 @@ def gather(
         counted = counted & region.cells(about.grid)
     last = store[inside[-1]] if inside else None
     first = store[last.baseline] if last is not None else None
-    chosen = _spread(inside, _MOST_READ)
+    most = _MOST_READ
+    if region is not None and about.grid is not None:
+        most = max(most, _MEASURED_CELLS // (about.grid.rows * about.grid.columns))
+    chosen = _spread(inside, most)
     strip = set(_strip(chosen))
     kept: dict[int, Stored] = {}
     quality: list[Quality] = []

@@ -19,6 +19,7 @@ __all__ = [
     "BELOW_DETECTION",
     "CHANGE_SCALE",
     "HEIGHT_SCALE",
+    "LABELS",
     "LEVEL_SCALE",
     "LINES",
     "NOT_MEASURED",
@@ -100,6 +101,10 @@ LINES: tuple[Rgb, ...] = (
     (0, 114, 178),
 )
 """Lines on dark that share one plot, in this order; none has the colour of a warning's or an alarm's limit."""
+
+
+LABELS: Rgb = (240, 240, 240)
+"""Words on pictures are light, whatever their line's colour: some of those are too dark to be read."""
 
 
 @lru_cache(maxsize=8)

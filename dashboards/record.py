@@ -79,9 +79,10 @@ def record_review(
     layout = layout_of(
         store, choose_scales(sample(store), OVERVIEW if scans is None else FULL), tracks=tracks is not None
     )
-    # a name of its own: the viewer would lay two recordings of one name into each other
+    # a name of its own: the viewer would lay two recordings of one name into each other, and show all of one
+    # application in the layout of the first
     name = f"{recording_id(store)}-{store.about.snapshot}-{preset}"
-    stream = rr.RecordingStream(paths.APPLICATION, recording_id=name)
+    stream = rr.RecordingStream(f"{paths.APPLICATION}-{name}", recording_id=name)
     stream.disable_timeline("log_time")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)

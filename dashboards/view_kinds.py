@@ -79,7 +79,7 @@ def map_view(scales: Scales, path: str, name: str, *above: str, bar: bool | str 
     import rerun.blueprint as rrb
 
     rows, columns = scales.map_shape
-    bottom = 1.2 if bar else 1.02
+    bottom = 1.22 if bar else 1.02
     contents = [f"{path}/**", *(f"{each}/**" for each in above)]
     if isinstance(bar, str):
         contents.append(f"{bar}/scale/**")
@@ -104,7 +104,7 @@ def trend_view(group: TrendGroup, limits: frozenset[str]) -> rrb.TimeSeriesView:
         origin="/",
         contents=[*(paths.trend(name) for name in names), *limited],
         name=f"{group.title}, {unit_text(group.unit)}".rstrip(", "),
-        plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop, visible=len(names) > 1 or bool(limited)),
+        plot_legend=rrb.PlotLegend(corner=rrb.Corner2D[group.corner], visible=len(names) > 1 or bool(limited)),
         axis_x=_whole_time(),
     )
 

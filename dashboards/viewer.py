@@ -17,6 +17,7 @@ from urllib.parse import quote
 from configs import InputError, MicroreliefError
 
 __all__ = [
+    "LIVE_MEMORY",
     "LOCAL",
     "MEMORY",
     "NO_SCREEN",
@@ -37,8 +38,9 @@ NO_SCREEN = (
     "no screen here to open a window on: add --web to open the review in a browser, "
     "or --save FILE.rrd to look at it on another machine"
 )
-MEMORY = "700MB"
-"""What a viewer may hold of a recording before it lets go of what is far from the cursor; its own needs come on top."""
+MEMORY, LIVE_MEMORY = "300MB", "700MB"
+"""What a viewer may hold of a recording before it lets go of what is far from the cursor: where it can fetch that again
+from a catalog, and where it cannot. Its own needs come on top: 0.7 GB, and some for each scan that it has drawn."""
 
 _START_S = 20.0
 
@@ -103,7 +105,8 @@ def open_viewer(source: str | Path, port: int | None = None, *, watch: Callable[
         port = free_port()
     else:
         _check_free(port)
-    command = [str(viewer_program()), "--bind", LOCAL, "--port", str(port), "--memory-limit", MEMORY]
+    limit = MEMORY if "://" in str(source) else LIVE_MEMORY
+    command = [str(viewer_program()), "--bind", LOCAL, "--port", str(port), "--memory-limit", limit]
     command += ["--hide-welcome-screen", *([str(source)] if source else ["--expect-data-soon"])]
     viewer = subprocess.Popen(command, env=_quiet(), stderr=subprocess.PIPE, text=True)
     try:
@@ -149,14 +152,15 @@ def serve_web(source: str | Path, port: int = 9090) -> Iterator[tuple[str, subpr
     check_ports(port, 1 if served else 2)
     command = [str(viewer_program()), "--serve-web", "--bind", LOCAL, "--web-viewer-port", str(port)]
     if not served:
-        command += ["--port", str(port + 1), "--server-memory-limit", "50%" if address else MEMORY]
+        command += ["--port", str(port + 1), "--server-memory-limit", "50%" if address else LIVE_MEMORY]
     server = start([*command, *([address] if address else [])])
     try:
         wait_until_listening(server, port)
         if not served:
             wait_until_listening(server, port + 1)
             address = f"rerun+http://{LOCAL}:{port + 1}/proxy"
-        yield f"http://{LOCAL}:{port}/?url={quote(address, safe='')}", server
+        # dark, as its colours are chosen for: a browser's own setting would put pale lines on white
+        yield f"http://{LOCAL}:{port}/?url={quote(address, safe='')}&theme=dark", server
     finally:
         end(server)
 

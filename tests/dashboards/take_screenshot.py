@@ -93,7 +93,7 @@ class Looker:
         found = {}
         for view in self._client.get_state().views:
             try:
-                found[view.name] = _pixels(self._client.take_screenshot(view.view_id))
+                found[view.name] = pixels(self._client.take_screenshot(view.view_id))
             except ConnectionError as error:  # of another tab
                 if "NotFound" not in str(error):
                     raise
@@ -126,17 +126,29 @@ class Looker:
             # looked up each time: while the layout is still being laid out, a view may come again under another id
             try:
                 png = self._client.take_screenshot(self.views[view].view_id if view is not None else None)
-            except (ConnectionError, KeyError) as error:
-                gone = isinstance(error, KeyError) or "NotFound" in str(error)
+            except (ConnectionError, KeyError, TimeoutError) as error:  # the last: a viewer that has much to do
+                gone = not isinstance(error, ConnectionError) or "NotFound" in str(error)
                 if not gone or time.monotonic() > deadline:
                     raise
                 time.sleep(0.1)
                 continue
-            return _pixels(png)
+            return pixels(png)
 
 
-def _pixels(png: bytes) -> Picture:
+def pixels(png: bytes) -> Picture:
+    """Read a picture, (row, column, 3)."""
     return np.array(Image.open(io.BytesIO(png)).convert("RGB"))
+
+
+def coloured(picture: Picture) -> float:
+    """Share of pixels that are neither grey nor black."""
+    spread = picture.max(axis=-1).astype(int) - picture.min(axis=-1)
+    return float((spread > 40).mean())
+
+
+def moved(one: Picture, other: Picture) -> float:
+    """Share of pixels that differ between two pictures."""
+    return float((np.abs(one.astype(int) - other).max(axis=-1) > 30).mean())
 
 
 @contextmanager

@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 import urllib.request
 from collections.abc import Callable
 from contextlib import closing
@@ -15,11 +16,14 @@ from pathlib import Path
 
 import psutil
 import pytest
+from PIL import Image
 
 from monitor.cli import main
 from storage import open_store
+from tests.chromium import PROGRAM, chromium
 from tests.dashboards.drying import DryingStore, drying_store
 from tests.dashboards.filled_store import fill_store
+from tests.dashboards.take_screenshot import Picture, coloured, moved, pixels
 
 
 @pytest.fixture(scope="module")
@@ -172,9 +176,42 @@ def two_free_ports() -> int:
     raise AssertionError("no two free ports side by side")
 
 
-def test_the_web_review_listens_on_this_machine_alone_and_ends_with_us(store: Path) -> None:
+WEBGL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
+COLUMNS = {"surface": (slice(0, 440), 0.1), "maps": (slice(460, 670), 0.1), "trends": (slice(690, 900), 0.002)}
+"""Where the columns of the preset video lie in a window of 900 pixels, and how much of each is coloured at least."""
+
+
+def is_filled(picture: Picture) -> bool:
+    """Whether every column of the preset video shows something."""
+    return all(coloured(picture[:, at]) >= least for at, least in COLUMNS.values())
+
+
+def at_both_ends(link: str, folder: Path) -> tuple[Picture, Picture]:
+    """Open a review in Chromium: what it shows of the newest scan once it has drawn all, and of the first."""
+    with chromium(*WEBGL) as browser:
+        page = browser.new_page(viewport={"width": 900, "height": 560})
+        page.set_default_timeout(180_000)
+
+        def until(shown: Callable[[Picture], bool], name: str) -> Picture:
+            deadline = time.monotonic() + 90
+            while not shown(picture := pixels(page.screenshot())) and time.monotonic() < deadline:
+                page.wait_for_timeout(500)
+            Image.fromarray(picture).save(folder / name)
+            return picture
+
+        page.goto(f"{link}&renderer=webgl")
+        last = until(is_filled, "last.png")
+        page.mouse.click(285, 547)  # the beginning of the time line, which takes the focus first
+        page.mouse.click(285, 547)
+        at = COLUMNS["surface"][0]
+        first = until(lambda now: is_filled(now) and moved(now[:, at], last[:, at]) > 0.01, "first.png")
+    return last, first
+
+
+def test_the_web_review_listens_on_this_machine_alone_is_filled_and_ends_with_us(store: Path, tmp_path: Path) -> None:
     port = two_free_ports()
     command = [sys.executable, "-m", "monitor.cli", "review", str(store), "--web", "--port", str(port)]
+    command += ["--preset", "video"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as reviewing:
         assert reviewing.stdout is not None
         try:
@@ -186,12 +223,19 @@ def test_the_web_review_listens_on_this_machine_alone_and_ends_with_us(store: Pa
             assert listening == {("127.0.0.1", port), ("127.0.0.1", port + 1)}
             with urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=20) as page:
                 assert b"<html" in page.read().lower()
+            if PROGRAM is not None:
+                last, first = at_both_ends(line.split()[2], tmp_path)
+                assert is_filled(last)
+                assert is_filled(first)
+                assert moved(last[:, COLUMNS["surface"][0]], first[:, COLUMNS["surface"][0]]) > 0.01
             reviewing.send_signal(signal.SIGTERM)
             assert reviewing.wait(timeout=20) == 0
             assert not any(server.is_running() for server in servers)
         finally:
             if reviewing.poll() is None:
                 reviewing.kill()
+    if PROGRAM is None:
+        pytest.skip("what it shows needs a browser: apt-get install chromium")
 
 
 def logged(file: Path, path: str) -> list[str]:
