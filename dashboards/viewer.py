@@ -17,7 +17,7 @@ from urllib.parse import quote
 from configs import InputError, MicroreliefError
 
 __all__ = [
-    "LIVE_MEMORY",
+    "FILE_MEMORY",
     "LOCAL",
     "MEMORY",
     "NO_SCREEN",
@@ -38,9 +38,9 @@ NO_SCREEN = (
     "no screen here to open a window on: add --web to open the review in a browser, "
     "or --save FILE.rrd to look at it on another machine"
 )
-MEMORY, LIVE_MEMORY = "300MB", "700MB"
-"""What a viewer may hold of a recording before it lets go of what is far from the cursor: where it can fetch that again
-from a catalog, and where it cannot. Its own needs come on top: 0.7 GB, and some for each scan that it has drawn."""
+MEMORY, FILE_MEMORY = "300MB", "700MB"
+"""What a viewer may hold of a recording before it lets go of what is far from the cursor, or oldest: of one that it can
+fetch again from a catalog or that goes on without end; and of a file. Its own needs come on top, several times that."""
 
 _START_S = 20.0
 
@@ -105,7 +105,7 @@ def open_viewer(source: str | Path, port: int | None = None, *, watch: Callable[
         port = free_port()
     else:
         _check_free(port)
-    limit = MEMORY if "://" in str(source) else LIVE_MEMORY
+    limit = MEMORY if not source or "://" in str(source) else FILE_MEMORY
     command = [str(viewer_program()), "--bind", LOCAL, "--port", str(port), "--memory-limit", limit]
     command += ["--hide-welcome-screen", *([str(source)] if source else ["--expect-data-soon"])]
     viewer = subprocess.Popen(command, env=_quiet(), stderr=subprocess.PIPE, text=True)
@@ -152,7 +152,7 @@ def serve_web(source: str | Path, port: int = 9090) -> Iterator[tuple[str, subpr
     check_ports(port, 1 if served else 2)
     command = [str(viewer_program()), "--serve-web", "--bind", LOCAL, "--web-viewer-port", str(port)]
     if not served:
-        command += ["--port", str(port + 1), "--server-memory-limit", "50%" if address else LIVE_MEMORY]
+        command += ["--port", str(port + 1), "--server-memory-limit", "50%" if address else MEMORY]
     server = start([*command, *([address] if address else [])])
     try:
         wait_until_listening(server, port)

@@ -26,7 +26,7 @@ from dashboards import LiveReview, cache_folder, gather, record_review, serve_sh
 from dashboards.findings import _MOST_READ
 from dashboards.pdf import render_pdf
 from dashboards.report import make_sections
-from dashboards.viewer import LIVE_MEMORY, MEMORY
+from dashboards.viewer import MEMORY
 from monitor.live_review import ticks_since
 from storage import open_store, snapshots
 from tests.dashboards.drying import drying_store
@@ -157,9 +157,9 @@ def live(seconds: int) -> None:
     if missing_libraries():
         return
     few = drying_store(6, SIZE)
-    given = [tick for tick, _ in ticks_since(few, 0, len(few.events)) if tick.scan is not None]
+    given = [tick for tick, _ in ticks_since(few, 0, few.events) if tick.scan is not None]
     spent, held, late = [], [], 0
-    with looker(memory=LIVE_MEMORY) as look:
+    with looker(memory=MEMORY) as look:
         shown = LiveReview(look.address, few.about, preset="video", interval_s=1.0)
         began = time.monotonic()
         for number in range(seconds):

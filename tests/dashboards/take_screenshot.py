@@ -13,7 +13,7 @@ import socket
 import subprocess
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -88,10 +88,12 @@ class Looker:
         """All views of the layout by name; of those in several tabs, any."""
         return {view.name: view for view in self._client.get_state().views if view.visible}
 
-    def pictures(self) -> dict[str, Picture]:
+    def pictures(self, but: Collection[str] = ()) -> dict[str, Picture]:
         """Give each view of the tab in front as it is now, (row, column, 3), by name; for after `picture`."""
         found = {}
         for view in self._client.get_state().views:
+            if view.name in but:
+                continue
             try:
                 found[view.name] = pixels(self._client.take_screenshot(view.view_id))
             except ConnectionError as error:  # of another tab
@@ -114,7 +116,7 @@ class Looker:
         deadline = time.monotonic() + self._patience_s
         last = self._shot(view, deadline)
         while time.monotonic() < deadline:
-            time.sleep(0.3)
+            time.sleep(0.6)
             now = self._shot(view, deadline)
             if now.shape == last.shape and np.array_equal(now, last):
                 return now
