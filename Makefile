@@ -46,7 +46,7 @@ setup-test: .venv/installed-test system-test
 	@$(PYTHON) -m venv .venv
 
 .venv/installed: .venv/bin/python pyproject.toml constraints.txt
-	@echo "installing microrelief and what it needs (about 1.7 GB, a few minutes the first time)"
+	@echo "installing microrelief and what it needs (about 1.8 GB, a few minutes the first time)"
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
 	@touch $@
 

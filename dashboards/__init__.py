@@ -6,6 +6,7 @@ from .calibration_report import calibration_page
 from .campaign_text import site_zone
 from .catalog import serve_shards
 from .comparison import gather_comparison
+from .draw_tracks import read_tracks
 from .findings import Findings, Period, gather, gather_numbers
 from .glance import Glance, glance, newest_picture
 from .live import LiveReview
@@ -54,6 +55,7 @@ __all__ = [
     "open_command",
     "open_viewer",
     "page_style",
+    "read_tracks",
     "record_review",
     "rule_words",
     "serve_shards",

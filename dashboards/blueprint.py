@@ -45,6 +45,8 @@ class Layout:
         Metrics for which the campaign set limits.
     cracks, plates : bool
         Whether the campaign looks for them; a preset without its subject is left out.
+    tracks : bool
+        Whether there are paths of what moves on the surface.
     """
 
     scales: Scales
@@ -53,6 +55,7 @@ class Layout:
     limits: frozenset[str] = frozenset()
     cracks: bool = False
     plates: bool = False
+    tracks: bool = False
 
     @property
     def presets(self) -> tuple[Preset, ...]:
@@ -117,7 +120,7 @@ def _cracks(layout: Layout) -> Any:
     return rrb.Horizontal(
         rrb.Vertical(
             surface_view(scales, "Surface by change, cracks", colours="change", cracks=True),
-            rrb.Horizontal(lanes(), document(paths.CRACK_TABLE, "Cracks of this scan"), column_shares=[2, 3]),
+            rrb.Horizontal(lanes(), document(paths.CRACK_TABLE, "Cracks of this scan"), column_shares=[7, 13]),
             row_shares=[3, 1.5],
         ),
         rrb.Vertical(
@@ -160,8 +163,8 @@ def _video(layout: Layout) -> Any:
     import rerun.blueprint as rrb
 
     return rrb.Horizontal(
-        rrb.Vertical(surface_view(layout.scales, "Surface now"), log(), row_shares=[4, 1]),
-        rrb.Vertical(*_maps(layout)),
+        rrb.Vertical(surface_view(layout.scales, "Surface now", tracks=layout.tracks), log(), row_shares=[4, 1]),
+        rrb.Vertical(*_maps(layout, tracks=layout.tracks)),
         rrb.Vertical(
             *_trend_views(layout, lambda name: True, 2),
             series_view(f"{paths.QUALITY}/residual", "Registration residual, µm"),
@@ -183,7 +186,7 @@ def _quality(layout: Layout) -> Any:
         ),
         rrb.Vertical(
             map_view(scales, paths.SIGMA, "Standard uncertainty, mm: dark is sure"),
-            map_view(scales, paths.LEVEL, "Stripes resolved"),
+            map_view(scales, paths.LEVEL, "Stripes resolved: 0 the finest, + coarser"),
             map_view(scales, paths.CAMERA, "Camera", bar=False),
         ),
         rrb.Vertical(
@@ -206,9 +209,10 @@ _TABS: dict[Preset, Callable[[Layout], Any]] = {
 }
 
 
-def _maps(layout: Layout) -> list[Any]:
+def _maps(layout: Layout, *, tracks: bool = False) -> list[Any]:
+    above = (paths.MAP_PATHS,) if tracks else ()
     maps = [
-        map_view(layout.scales, paths.HEIGHT, "Height, mm: dark is low, yellow is high"),
+        map_view(layout.scales, paths.HEIGHT, "Height, mm: dark is low, yellow is high", *above),
         map_view(layout.scales, paths.CAMERA, "Camera", bar=False),
     ]
     if layout.scales.change_limit_mm > 0:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from . import paths
 from .draw_scan import encoded, to_pixels
-from .palette import LINES, Rgb
+from .palette import LABELS, LINES, Rgb
 from .quantities import plain, with_uncertainty
 from .raster import Range, plates_png
 from .scales import Scales
@@ -29,9 +29,6 @@ MOST_NAMED = 6
 
 MOST_LISTED = 12
 """Rows of a table."""
-
-_LABELS: Rgb = (240, 240, 240)
-"""Words are light, whatever their line's colour: some of those are too dark to be read."""
 
 
 def log_sights(stream: rr.RecordingStream, sights: Sights, scales: Scales) -> None:
@@ -70,7 +67,7 @@ def _log_cracks(stream: rr.RecordingStream, sights: Sights, scales: Scales) -> N
     words = [labels[number] for number in at]
     stream.log(
         f"{paths.CRACKS}/labels",
-        rr.Points2D(places, labels=words, colors=[_LABELS], radii=0.0, show_labels=True)
+        rr.Points2D(places, labels=words, colors=[LABELS], radii=0.0, show_labels=True)
         if at
         else rr.Clear(recursive=False),
     )
@@ -98,7 +95,7 @@ def _log_plates(stream: rr.RecordingStream, sights: Sights, scales: Scales) -> N
     labels = [f"{name}: {_sign(plate.lift.value)} mm" for name, plate in largest]
     stream.log(
         f"{paths.PLATES}/labels",
-        rr.Points2D(places, labels=labels, radii=0.0, colors=[_LABELS], show_labels=True)
+        rr.Points2D(places, labels=labels, radii=0.0, colors=[LABELS], show_labels=True)
         if largest
         else rr.Clear(recursive=False),
     )

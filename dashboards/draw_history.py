@@ -14,6 +14,7 @@ from storage import ScanTable, Store, scan_table
 from . import paths
 from .alarm_limits import alarm_limits
 from .draw_scan import clock_line, set_times
+from .happened import known_events
 from .metric_names import TrendGroup
 from .palette import ACKNOWLEDGED, LINES, STATE_COLOURS, VISIT_COLOURS
 from .quantities import unit_text
@@ -48,8 +49,9 @@ def log_history(stream: rr.RecordingStream, store: Store, groups: Sequence[Trend
     for number, verdict in enumerate(table.verdicts):
         if verdict:
             log_state(stream, paths.REGISTRATION, verdict, table.times[number], number)
-    _log_alarms(stream, table, store.events)
-    for event in store.events:
+    events = known_events(store)
+    _log_alarms(stream, table, events)
+    for event in events:
         log_event(stream, event, scan_at(event.time, table.times))
 
 
@@ -177,7 +179,7 @@ def _log_limits(stream: rr.RecordingStream, campaign: str, groups: Sequence[Tren
                 continue
             number = count[alarm.metric] = count.get(alarm.metric, 0) + 1
             path = paths.limit(alarm.metric, number)
-            words = f"{alarm.name}: {line.grade} {line.side}"
+            words = f"{alarm.name}: {line.grade}{' below' if line.side == 'below' else ''}"
             colour = STATE_COLOURS["warning" if line.grade == "warning" else "alarm"]
             stream.log(path, rr.SeriesLines(names=words, colors=colour, widths=1.0), static=True)
             stream.send_columns(

@@ -12,7 +12,7 @@ from pipelines import Instant
 from storage import About, Stored
 
 from . import paths
-from .palette import CHANGE_SCALE, HEIGHT_SCALE, LEVEL_SCALE, LINES, NOT_MEASURED, Rgb, colour_table
+from .palette import CHANGE_SCALE, HEIGHT_SCALE, LABELS, LEVEL_SCALE, LINES, NOT_MEASURED, Rgb, colour_table
 from .quantities import day_and_time, plain
 from .raster import Range, block_mean, change_png, level_png, texture_jpeg
 from .scales import Scales
@@ -25,8 +25,6 @@ __all__ = ["LOOKS", "clock_line", "encoded", "log_baseline", "log_frame", "log_s
 
 LOOKS = "looks"
 """Archetype of the colours that the layout may give a surface instead of those by height."""
-
-_LABELS: Rgb = (200, 203, 208)
 
 
 def log_frame(stream: rr.RecordingStream, scales: Scales) -> None:
@@ -166,8 +164,9 @@ def _log_colour_bar(stream: rr.RecordingStream, path: str, scale: tuple[Rgb, ...
     bars = [[[(a + b) / 2, top], [(a + b) / 2, bottom]] for a, b in pairwise(x)]
     radius = 0.75 * (x[1] - x[0])
     stream.log(path, rr.LineStrips2D(bars, colors=colour_table(scale, steps), radii=float(radius)), static=True)
-    words = [_signed(ends.low), _signed((ends.low + ends.high) / 2), f"{_signed(ends.high)} mm"]
-    places = [[at, 1.075 * rows] for at in (x[0], (x[0] + x[-1]) / 2, x[-1])]
+    write = _signed if ends.low < 0 else lambda value: plain(value, 2)
+    words = [write(ends.low), write((ends.low + ends.high) / 2), f"{write(ends.high)} mm"]
+    places = [[at, 1.1 * rows] for at in (x[0], (x[0] + x[-1]) / 2, x[-1])]
     _log_words(stream, f"{path}/labels", places, words)
 
 
@@ -175,19 +174,19 @@ def _log_level_key(stream: rr.RecordingStream, scales: Scales) -> None:
     import rerun as rr
 
     rows, columns = scales.map_shape
-    words = ["finest", *(f"+{step}" for step in range(1, len(LEVEL_SCALE) - 1)), f"+{len(LEVEL_SCALE) - 1}…", "none"]
-    x = np.linspace(0.1 * columns, 0.9 * columns, len(words))
+    words = ["0", *(f"+{step}" for step in range(1, len(LEVEL_SCALE) - 1)), f"+{len(LEVEL_SCALE) - 1}…", "none"]
+    x = np.linspace(0.05 * columns, 0.95 * columns, len(words))
     bars = [[[at - 0.04 * columns, 1.05 * rows], [at + 0.04 * columns, 1.05 * rows]] for at in x]
     colours = [*LEVEL_SCALE, NOT_MEASURED]
     path = f"{paths.LEVEL}/scale"
     stream.log(path, rr.LineStrips2D(bars, colors=colours, radii=0.015 * rows), static=True)
-    _log_words(stream, f"{path}/labels", [[at, 1.075 * rows] for at in x], words)
+    _log_words(stream, f"{path}/labels", [[at, 1.1 * rows] for at in x], words)
 
 
 def _log_words(stream: rr.RecordingStream, path: str, places: Any, words: list[str]) -> None:
     import rerun as rr
 
-    shown = rr.Points2D(places, labels=words, radii=0.0, colors=[_LABELS], show_labels=True)
+    shown = rr.Points2D(places, labels=words, radii=0.0, colors=[LABELS], show_labels=True)
     stream.log(path, shown, static=True)
 
 

@@ -11,10 +11,11 @@ import pandas as pd
 
 from configs import InputError
 from pipelines import AlarmState, Event, Instant, Measurement, StandingAlarm, format_instant, standing_alarms
-from storage import About, Inbox, ScanTable, Store, Stored, scan_table
+from storage import About, ScanTable, Store, Stored, scan_table
 
 from .alarm_limits import AlarmLimits, alarm_limits
 from .campaign_text import counted_cells, max_lag_hours, settings_of, stable_cells
+from .happened import known_events
 from .metric_names import Named, name_metric
 from .rates import RateMap, rate_map_of
 from .region import Region, measure_inside
@@ -24,6 +25,9 @@ __all__ = ["Findings", "Period", "Quality", "gather", "gather_numbers", "quality
 
 _MOST_READ = 32
 """Scans whose cells are read: a long campaign is sampled evenly, its newest scan always in."""
+
+_MEASURED_CELLS = 40_000_000
+"""Inside a region all scans are measured that have so many cells together: a minute of one core."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +72,7 @@ class Findings:
     between : tuple of Stored
         A few scans with a change, oldest first, the newest among them: what a strip of maps shows.
     series : DataFrame
-        As `Store.series` gives it, of the period; inside a region measured anew, for the sampled scans.
+        As `Store.series` gives it, of the period; inside a region measured anew, for the scans that were read.
     times : ndarray of datetime64[ns], shape (rows of the series,)
         UTC.
     metrics : tuple of Named
@@ -181,7 +185,10 @@ def gather(
         counted = counted & region.cells(about.grid)
     last = store[inside[-1]] if inside else None
     first = store[last.baseline] if last is not None else None
-    chosen = _spread(inside, _MOST_READ)
+    most = _MOST_READ
+    if region is not None and about.grid is not None:
+        most = max(most, _MEASURED_CELLS // (about.grid.rows * about.grid.columns))
+    chosen = _spread(inside, most)
     strip = set(_strip(chosen))
     kept: dict[int, Stored] = {}
     quality: list[Quality] = []
@@ -200,7 +207,6 @@ def gather(
     series = store.series().iloc[inside]
     if region is not None:
         series = _measured_anew(series, anew)
-    waiting = (event for _, event in Inbox(about.location).waiting())
     return Findings(
         about=about,
         scans=len(inside),
@@ -212,7 +218,7 @@ def gather(
         metrics=tuple(name_metric(name, unit) for name, unit in about.metrics.items()),
         limits=alarm_limits(about.campaign),
         visits=tuple(each for each in visits(store, list(table.planned)) if period.holds(each.planned)),
-        events=tuple(each for each in (*store.events, *waiting) if period.last is None or each.time <= period.last),
+        events=tuple(each for each in known_events(store) if period.last is None or each.time <= period.last),
         quality=tuple(quality),
         table=table,
         counted=counted,

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 import pandas as pd
 
 from pipelines.change import METRICS
 
 from .quantities import unit_text
 
-__all__ = ["Named", "TrendGroup", "name_metric", "trend_groups"]
+__all__ = ["Corner", "Named", "TrendGroup", "name_metric", "trend_groups"]
+
+Corner = Literal["LeftTop", "LeftBottom", "RightTop", "RightBottom"]
 
 _GROUP_TITLES = {"mm3": "Volumes", "mm2": "Areas"}
 
@@ -46,11 +50,12 @@ class Named:
 
 @dataclass(frozen=True, slots=True)
 class TrendGroup:
-    """Metrics of one unit and alike magnitude, which one pair of axes can show."""
+    """Metrics of one unit and alike magnitude, which one pair of axes can show; their names hide least in a corner."""
 
     title: str
     unit: str
     metrics: tuple[Named, ...]
+    corner: Corner = "LeftTop"
 
 
 def name_metric(name: str, unit: str) -> Named:
@@ -87,9 +92,24 @@ def trend_groups(series: pd.DataFrame, units: Mapping[str, str], alike: float = 
             members[0].title if len(members) == 1 else _GROUP_TITLES.get(unit, _joined(members)),
             unit,
             tuple(members),
+            _freest_corner(series[[member.name for member in members]].to_numpy(dtype=np.float64)),
         )
         for unit, _, members in groups
     )
+
+
+def _freest_corner(values: npt.NDArray[np.float64]) -> Corner:
+    """Give the corner in which fewest values of a plot lie, shape (scans, metrics): a quarter of it is looked at."""
+    low, high = np.nanmin(values), np.nanmax(values)
+    above = (values - low) / max(high - low, 1e-12)
+    left = np.linspace(0, 1, len(values))[:, np.newaxis] <= 0.5
+    held: dict[Corner, int] = {
+        "LeftTop": int((left & (above >= 0.5)).sum()),
+        "LeftBottom": int((left & (above <= 0.5)).sum()),
+        "RightTop": int((~left & (above >= 0.5)).sum()),
+        "RightBottom": int((~left & (above <= 0.5)).sum()),
+    }
+    return min(held, key=lambda corner: held[corner])
 
 
 def _joined(members: list[Named]) -> str:

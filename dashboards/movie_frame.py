@@ -148,7 +148,7 @@ def all_colours() -> Image:
 
 
 def _coloured(cells: npt.NDArray[np.float32], ends: Range, scale: tuple[Rgb, ...]) -> npt.NDArray[np.float32]:
-    """Colour cells, shape (rows, columns, 3); grey where not measured."""
+    """Colour cells, shape (rows, columns, 3); black where not measured."""
     table = np.vstack([colour_table(scale), np.array([NOT_MEASURED], dtype=np.uint8)])
     coloured: npt.NDArray[np.float32] = table[tone(cells, ends)].astype(np.float32)
     return coloured

@@ -1,7 +1,8 @@
 """Colours that mean something: one diverging scale for change, one sequential for height, one per alarm state.
 
 The diverging scale is ColorBrewer's RdBu and the sequential one follows viridis: both keep their order for
-colour-blind readers and in grey print. States take the Okabe-Ito colours.
+colour-blind readers and in grey print. States take the Okabe-Ito colours. ``tests/dashboards/test_colours.py`` holds
+them apart for people who see no green or no red.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ __all__ = [
     "BELOW_DETECTION",
     "CHANGE_SCALE",
     "HEIGHT_SCALE",
+    "LABELS",
     "LEVEL_SCALE",
     "LINES",
     "NOT_MEASURED",
@@ -29,8 +31,8 @@ __all__ = [
 
 Rgb = tuple[int, int, int]
 
-NOT_MEASURED: Rgb = (138, 141, 145)
-"""Neutral grey of a cell without a value, darker than anything a scale's middle shows."""
+NOT_MEASURED: Rgb = (0, 0, 0)
+"""A cell without a value: the one colour far from all of every scale; grey is viridis' middle to who sees no red."""
 
 BELOW_DETECTION: Rgb = (240, 239, 235)
 """Cells whose change is smaller than their level of detection: the scale's own middle."""
@@ -77,7 +79,7 @@ STATE_COLOURS: dict[AlarmState, Rgb] = {
     "ok": (0, 158, 115),
     "warning": (230, 159, 0),
     "alarm": (213, 94, 0),
-    "no data": (138, 141, 145),
+    "no data": (225, 225, 225),
 }
 
 ACKNOWLEDGED: Rgb = (204, 121, 167)
@@ -99,6 +101,10 @@ LINES: tuple[Rgb, ...] = (
     (0, 114, 178),
 )
 """Lines on dark that share one plot, in this order; none has the colour of a warning's or an alarm's limit."""
+
+
+LABELS: Rgb = (240, 240, 240)
+"""Words on pictures are light, whatever their line's colour: some of those are too dark to be read."""
 
 
 @lru_cache(maxsize=8)

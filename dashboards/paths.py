@@ -18,6 +18,7 @@ __all__ = [
     "LEVEL",
     "LIMITS",
     "LOG",
+    "MAP_PATHS",
     "PLATES",
     "PLATE_LIFTS",
     "PLATE_TABLE",
@@ -26,6 +27,7 @@ __all__ = [
     "SCAN_TIMELINE",
     "SIGMA",
     "SURFACE",
+    "SURFACE_PATHS",
     "TIME_TIMELINE",
     "TRENDS",
     "VISITS",
@@ -39,6 +41,7 @@ TIME_TIMELINE = "time"
 SCAN_TIMELINE = "scan"
 
 SURFACE = "/surface"
+SURFACE_PATHS = "/surface/paths"
 BASELINE = "/baseline"
 CHANGE = "/maps/change"
 HEIGHT = "/maps/height"
@@ -47,6 +50,7 @@ LEVEL = "/maps/level"
 CAMERA = "/maps/camera"
 CRACKS = "/maps/cracks"
 PLATES = "/maps/plates"
+MAP_PATHS = "/maps/paths"
 CRACK_TABLE = "/tables/cracks"
 PLATE_TABLE = "/tables/plates"
 ABOUT = "/tables/scan"

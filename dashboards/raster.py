@@ -90,7 +90,7 @@ def tone(cells: npt.NDArray[np.float32], span: Range) -> npt.NDArray[np.uint8]:
 
 
 def height_png(height: npt.NDArray[np.float32], span: Range, most: int = 1_000_000) -> bytes:
-    """Draw a height map, largest y on top, cells that were not measured in grey."""
+    """Draw a height map, largest y on top, cells that were not measured in black."""
     factor = shrink_factor(height.shape[0], height.shape[1], most)
     return _indexed_png(tone(block_mean(height, factor), span), HEIGHT_SCALE)
 
@@ -100,7 +100,7 @@ def change_png(
 ) -> bytes:
     """Draw a change map from -`limit_mm` to `limit_mm`; below the level of detection it takes the scale's middle.
 
-    Red is lost, blue is gained, grey was not measured in one of the two scans.
+    Red is lost, blue is gained, black was not measured in one of the two scans.
     """
     factor = shrink_factor(dz.shape[0], dz.shape[1], most)
     shown = block_mean(above_detection(dz, lod), factor)
@@ -116,7 +116,7 @@ def above_detection(dz: npt.NDArray[np.float32], lod: npt.NDArray[np.float32]) -
 
 
 def level_png(level: npt.NDArray[np.uint8], most: int) -> bytes:
-    """Draw which stripes each cell resolved, from the finest on, largest y on top; grey was not measured."""
+    """Draw which stripes each cell resolved, from the finest on, largest y on top; black was not measured."""
     factor = shrink_factor(level.shape[0], level.shape[1], most)
     shown = level[::factor, ::factor]
     steps = np.where(shown == _HOLE, len(LEVEL_SCALE), np.minimum(shown, len(LEVEL_SCALE) - 1)).astype(np.uint8)
@@ -130,7 +130,7 @@ def level_png(level: npt.NDArray[np.uint8], most: int) -> bytes:
 def plates_png(
     cells: npt.NDArray[np.int32], values: npt.NDArray[np.float32], span: Range, shape: tuple[int, int]
 ) -> bytes:
-    """Draw each plate in the colour of its value on the scale of change, largest y on top; grey where there is none.
+    """Draw each plate in the colour of its value on the scale of change, largest y on top; black where there is none.
 
     `values` holds one for each label of `cells`, NaN where it was not measured; the map is brought to `shape`.
     """

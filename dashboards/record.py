@@ -22,11 +22,13 @@ from .blueprint import Layout, Preset, review_blueprint
 from .draw_cracks import log_sights
 from .draw_history import log_history
 from .draw_scan import log_baseline, log_frame, log_scan
+from .draw_tracks import log_tracks
 from .followed import Followed, follow, looks_for
 from .metric_names import trend_groups
 from .scales import FULL, OVERVIEW, Scales, choose_scales, sample
 
 if TYPE_CHECKING:
+    import pandas as pd
     import rerun as rr
 
 __all__ = ["Progress", "check_not_empty", "layout_of", "log_scans", "record_review", "recording_id"]
@@ -42,6 +44,7 @@ def record_review(
     preset: Preset = "overview",
     scans: tuple[int, int] | None = None,
     region: npt.NDArray[np.bool_] | None = None,
+    tracks: pd.DataFrame | None = None,
     progress: Progress | None = None,
 ) -> None:
     """Write a store's review as an ``.rrd`` file, layout included.
@@ -57,6 +60,8 @@ def record_review(
         Only these, the first and the last, and at full resolution.
     region : ndarray of bool, shape (rows, columns), optional
         Where to look for cracks.
+    tracks : DataFrame, optional
+        Paths of what moves on the surface, as `read_tracks` gives them.
     progress : callable, optional
         Called after each scan with (done, total).
 
@@ -71,10 +76,13 @@ def record_review(
 
     check_not_empty(store)
     numbers = range(len(store)) if scans is None else _chosen(store, *scans)
-    layout = layout_of(store, choose_scales(sample(store), OVERVIEW if scans is None else FULL))
-    # a name of its own: the viewer would lay two recordings of one name into each other
+    layout = layout_of(
+        store, choose_scales(sample(store), OVERVIEW if scans is None else FULL), tracks=tracks is not None
+    )
+    # a name of its own: the viewer would lay two recordings of one name into each other, and show all of one
+    # application in the layout of the first
     name = f"{recording_id(store)}-{store.about.snapshot}-{preset}"
-    stream = rr.RecordingStream(paths.APPLICATION, recording_id=name)
+    stream = rr.RecordingStream(f"{paths.APPLICATION}-{name}", recording_id=name)
     stream.disable_timeline("log_time")
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
@@ -94,6 +102,8 @@ def record_review(
             log_baseline(stream, store[first.baseline], layout.scales, first.scan.time, first.number)
         log_scans(stream, store, numbers, layout, Followed(), region, progress)
         log_history(stream, store, layout.trends)
+        if tracks is not None:
+            log_tracks(stream, tracks, scan_table(store), layout.scales, numbers)
     finally:
         stream.flush()
         stream.disconnect()
@@ -113,7 +123,7 @@ def recording_id(store: Store) -> str:
     return re.sub(r"[^A-Za-z0-9.]+", "-", name).strip("-")
 
 
-def layout_of(store: Store, scales: Scales) -> Layout:
+def layout_of(store: Store, scales: Scales, *, tracks: bool = False) -> Layout:
     """Choose what is shown from what the store measures."""
     times = scan_table(store).times
     lasted = float((times[-1] - times[0]) / np.timedelta64(1, "s"))
@@ -125,6 +135,7 @@ def layout_of(store: Store, scales: Scales) -> Layout:
         frozenset(alarm.metric for alarm in alarm_limits(store.about.campaign) if alarm.lines),
         cracks,
         plates,
+        tracks,
     )
 
 

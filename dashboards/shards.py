@@ -22,16 +22,18 @@ from . import paths
 from .blueprint import Layout
 from .draw_history import log_history
 from .draw_scan import log_frame
+from .draw_tracks import log_tracks
 from .followed import Followed, keep, looks_for, remember
 from .record import Progress, check_not_empty, layout_of, log_scans, recording_id
 from .scales import Scales, choose_scales, sample, still_fit
 
 if TYPE_CHECKING:
+    import pandas as pd
     import rerun as rr
 
 __all__ = ["Shards", "cache_folder", "update_shards"]
 
-FORMAT = 1
+FORMAT = 2
 """Grows with what is drawn, and how: shards of another format are made again."""
 
 MOST_A_DAY = 720
@@ -41,7 +43,7 @@ MOST_FOLLOWED_A_DAY = 24
 """Scans of one day in which cracks are followed: one an hour."""
 
 _MANIFEST = "shards.json"
-_FRAME, _HISTORY = "frame.rrd", "history.rrd"
+_FRAME, _HISTORY, _PATHS = "frame.rrd", "history.rrd", "paths.rrd"
 _BYTES_A_VERTEX, _BYTES_A_CELL = 40, 6
 _SPARE_BYTES = 2_000_000_000
 """What a review leaves free on the disk, for the campaign that may be writing there."""
@@ -54,7 +56,7 @@ class Shards:
     Parameters
     ----------
     files : mapping of str to Path
-        By layer: ``frame``, ``history``, and each day.
+        By layer: ``frame``, ``history``, ``paths`` where there are some, and each day.
     recording : str
         The recording's id, the same in all of them.
     layout : Layout
@@ -108,6 +110,7 @@ def update_shards(
     folder: Path,
     *,
     region: npt.NDArray[np.bool_] | None = None,
+    tracks: pd.DataFrame | None = None,
     progress: Progress | None = None,
 ) -> Shards:
     """Bring the shards in `folder` up to a store's newest snapshot.
@@ -122,6 +125,8 @@ def update_shards(
         As `cache_folder` gives it; made if it is not there.
     region : ndarray of bool, shape (rows, columns), optional
         Where to look for cracks.
+    tracks : DataFrame, optional
+        Paths of what moves on the surface, as `read_tracks` gives them; drawn anew each time, in a file of their own.
     progress : callable, optional
         Called after each scan that is drawn with (done, total).
 
@@ -145,7 +150,7 @@ def update_shards(
     scales = kept.scales if good and kept.scales is not None and still_fit(kept.scales, store[len(store) - 1]) else None
     if scales is None:
         scales, kept = choose_scales(sample(store)), _Kept()
-    layout = layout_of(store, scales)
+    layout = layout_of(store, scales, tracks=tracks is not None)
     days = _days(store, recipe)
     present = {
         day.name: day.key for day in days if kept.days.get(day.name) == day.key and _file(folder, day.name).exists()
@@ -178,8 +183,12 @@ def update_shards(
     _write(folder, _Kept(recipe, store.about.snapshot, scales, present))
     with _stream(folder / _HISTORY, recording) as stream:
         log_history(stream, store, layout.trends)
-    _sweep(folder, present)
     files = {"frame": folder / _FRAME, "history": folder / _HISTORY}
+    if tracks is not None:
+        files["paths"] = folder / _PATHS
+        with _stream(files["paths"], recording) as stream:
+            log_tracks(stream, tracks, scan_table(store), scales, range(len(store)))
+    _sweep(folder, present)
     return Shards(files | {day.name: _file(folder, day.name) for day in days}, recording, layout, total)
 
 

@@ -21,7 +21,14 @@ _BACKGROUND = (24, 26, 30)
 
 
 def surface_view(
-    scales: Scales, name: str, *, colours: str = "", baseline: bool = False, cracks: bool = False, far: float = 1.0
+    scales: Scales,
+    name: str,
+    *,
+    colours: str = "",
+    baseline: bool = False,
+    cracks: bool = False,
+    tracks: bool = False,
+    far: float = 1.0,
 ) -> rrb.Spatial3DView:
     """Look at the whole surface from an oblique angle, from the front and a little from the left.
 
@@ -49,7 +56,11 @@ def surface_view(
         overrides[mesh] = rr.Mesh3D.from_fields().visualizer(mappings=[mapping])
     return rrb.Spatial3DView(
         origin=origin,
-        contents=[origin, mesh, *([f"{origin}/cracks"] if cracks else [])],
+        contents=[
+            *(origin, mesh),
+            *([f"{origin}/cracks"] if cracks else []),
+            *([f"{paths.SURFACE_PATHS}/**"] if tracks else []),
+        ],
         name=f"{name}, mm{taller}",
         overrides=overrides,
         background=rrb.Background(color=list(_BACKGROUND), kind=rrb.BackgroundKind.SolidColor),
@@ -68,7 +79,7 @@ def map_view(scales: Scales, path: str, name: str, *above: str, bar: bool | str 
     import rerun.blueprint as rrb
 
     rows, columns = scales.map_shape
-    bottom = 1.2 if bar else 1.02
+    bottom = 1.22 if bar else 1.02
     contents = [f"{path}/**", *(f"{each}/**" for each in above)]
     if isinstance(bar, str):
         contents.append(f"{bar}/scale/**")
@@ -93,7 +104,7 @@ def trend_view(group: TrendGroup, limits: frozenset[str]) -> rrb.TimeSeriesView:
         origin="/",
         contents=[*(paths.trend(name) for name in names), *limited],
         name=f"{group.title}, {unit_text(group.unit)}".rstrip(", "),
-        plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop, visible=len(names) > 1 or bool(limited)),
+        plot_legend=rrb.PlotLegend(corner=rrb.Corner2D[group.corner], visible=len(names) > 1 or bool(limited)),
         axis_x=_whole_time(),
     )
 

@@ -17,6 +17,7 @@ from urllib.parse import quote
 from configs import InputError, MicroreliefError
 
 __all__ = [
+    "FILE_MEMORY",
     "LOCAL",
     "MEMORY",
     "NO_SCREEN",
@@ -37,8 +38,9 @@ NO_SCREEN = (
     "no screen here to open a window on: add --web to open the review in a browser, "
     "or --save FILE.rrd to look at it on another machine"
 )
-MEMORY = "700MB"
-"""What a viewer may hold of a recording before it lets go of what is far from the cursor; its own needs come on top."""
+MEMORY, FILE_MEMORY = "300MB", "700MB"
+"""What a viewer may hold of a recording before it lets go of what is far from the cursor, or oldest: of one that it can
+fetch again from a catalog or that goes on without end; and of a file. Its own needs come on top, several times that."""
 
 _START_S = 20.0
 
@@ -108,7 +110,8 @@ def open_viewer(
         port = free_port()
     else:
         _check_free(port)
-    command = [str(viewer_program()), "--bind", LOCAL, "--port", str(port), "--memory-limit", MEMORY]
+    limit = MEMORY if not source or "://" in str(source) else FILE_MEMORY
+    command = [str(viewer_program()), "--bind", LOCAL, "--port", str(port), "--memory-limit", limit]
     command += ["--hide-welcome-screen", *([str(source)] if source else ["--expect-data-soon"])]
     viewer = subprocess.Popen(command, env=_quiet(), stderr=subprocess.PIPE, text=True)
     try:
@@ -163,7 +166,8 @@ def serve_web(source: str | Path, port: int = 9090) -> Iterator[tuple[str, subpr
         if not served:
             wait_until_listening(server, port + 1)
             address = f"rerun+http://{LOCAL}:{port + 1}/proxy"
-        yield f"http://{LOCAL}:{port}/?url={quote(address, safe='')}", server
+        # dark, as its colours are chosen for: a browser's own setting would put pale lines on white
+        yield f"http://{LOCAL}:{port}/?url={quote(address, safe='')}&theme=dark", server
     finally:
         end(server)
 

@@ -39,6 +39,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "video": ("video:video", "Record continuous 3D video."),
     "status": ("status:status", "Say how a campaign stands: last, next, missed, alarms."),
     "ack": ("ack:ack", "Acknowledge an alarm."),
+    "annotate": ("annotate:annotate", "Keep a remark in a store, at a scan or a time."),
     "serve": ("serve:serve", "Show how campaigns stand on a page for browsers, and to Prometheus."),
     "health": ("health:health", "Say how a campaign's rig is: timings, light, how its lamp ages."),
     "service": ("service:service", "Print a unit file of systemd that runs a campaign."),

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 
 from dashboards import LiveReview, Preset
-from pipelines import Measurement, Tick
+from pipelines import Event, Measurement, Tick
 from storage import Store, open_store, scan_table
 
 __all__ = ["Follower", "follow_store", "ticks_since"]
@@ -79,26 +79,27 @@ def follow_store(opened: Store, path: str | Path, address: str, preset: Preset, 
     interval_s = float(np.median(np.diff(times)) / np.timedelta64(1, "s")) if len(times) > 1 else 60.0
     live = LiveReview(address, opened.about, preset=preset, interval_s=interval_s)
     try:
-        shown, events = live.attach(opened), len(opened.events)
+        shown, known = live.attach(opened), opened.events
         snapshot = opened.about.snapshot
         while not ended.wait(min(max(0.5 * interval_s, LOOK_AT_LEAST_S), LOOK_AT_MOST_S)):
             now = open_store(path)
             try:
                 if now.about.snapshot != snapshot:
-                    for tick, number in ticks_since(now, shown, events):
+                    for tick, number in ticks_since(now, shown, known):
                         live.show(tick, number)
                         live.wait_until_shown()
-                    shown, events, snapshot = len(now), len(now.events), now.about.snapshot
+                    shown, known, snapshot = len(now), now.events, now.about.snapshot
             finally:
                 now.close()
     finally:
         live.close()
 
 
-def ticks_since(store: Store, scans: int, events: int) -> Iterator[tuple[Tick, int]]:
-    """Give the visits that came after a store held so many scans and events, each with its scan's number."""
+def ticks_since(store: Store, scans: int, known: Iterable[Event]) -> Iterator[tuple[Tick, int]]:
+    """Give the visits that came after a store held so many scans and some events, each with its scan's number."""
     table = scan_table(store)
-    fresh = list(store.events[events:])
+    before = set(known)
+    fresh = [event for event in store.events if event not in before]  # an annotation may be of long ago
     for number in range(scans, len(store)):
         stored = store[number]
         measured = {

@@ -16,6 +16,7 @@ from .reprocess import campaign_of, rules_of
 if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
+    import pandas as pd
 
 __all__ = ["crack_region", "served_review"]
 
@@ -28,9 +29,10 @@ def served_review(
     step: Progress | None = None,
     *,
     origin: str = "",
+    tracks: pd.DataFrame | None = None,
 ) -> Iterator[str]:
     """Draw what is new in a store and serve its review on this machine alone; gives the address for a viewer."""
-    shards = update_shards(store, cache_folder(store), region=crack_region(store), progress=step)
+    shards = update_shards(store, cache_folder(store), region=crack_region(store), tracks=tracks, progress=step)
     with serve_shards(shards, preset, port, origin=origin) as address:
         yield address
 

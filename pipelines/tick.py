@@ -19,7 +19,7 @@ class Event:
     """Something that people should know about a campaign, at a time.
 
     `kind` is one of ``failed``, ``missed``, ``rejected``, ``lost`` (scans that were kept are gone), ``alarm``,
-    ``acknowledged``, ``epoch``, ``note``.
+    ``acknowledged``, ``annotation`` (a person's remark), ``epoch``, ``note``.
     """
 
     time: Instant

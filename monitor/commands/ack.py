@@ -11,11 +11,11 @@ from cyclopts import Parameter
 
 from configs import InputError, did_you_mean
 from pipelines import Acknowledgement, Instant, StandingAlarm, format_instant
-from storage import Inbox, open_store, store_exists, writer_of
+from storage import Inbox, open_store
 
-from ..check import load_checked
 from ..clock import RealClock
-from ..standing import is_store, no_store, standing_of
+from ..hand_in import addressed, hand_in
+from ..standing import standing_of
 
 __all__ = ["ack"]
 
@@ -42,20 +42,14 @@ def ack(path: Path, alarm: str, *, note: str = "", by: Annotated[str | None, Par
     --------
     microrelief ack soil.icechunk "wide cracks" --by Ann --note "sealed on Monday"
     """
-    beside = None
-    store: str | Path = path
-    if not is_store(path):
-        campaign = load_checked(path).campaign
-        store, beside = campaign.store.path, campaign.store.beside
-        if not store_exists(store):
-            raise no_store(store)
+    store, inbox = addressed(path)
     who = by if by is not None else getpass.getuser()
     now = RealClock().now()
-    standing = standing_of(open_store(store), Inbox(store, beside))
+    standing = standing_of(open_store(store), inbox)
     if alarm not in standing:
         known = list(standing)
         raise InputError(f"{store}: no alarm {alarm!r}{did_you_mean(alarm, known) if known else ': it has none'}")
-    print(_acknowledged(store, standing[alarm], who, note, now, Inbox(store, beside)))
+    print(_acknowledged(store, standing[alarm], who, note, now, inbox))
     return 0
 
 
@@ -70,15 +64,4 @@ def _acknowledged(store: str | Path, alarm: StandingAlarm, by: str, note: str, n
         raise InputError(f"--by {by}: {error}") from None
     since = f" since {format_instant(alarm.since)}" if alarm.since is not None else ""
     told = f"acknowledged {alarm.name}: {alarm.state}{since}"
-    holder = writer_of(store)
-    if holder is None:
-        from pipelines import Tick
-
-        opened = open_store(store, write=True)
-        try:
-            opened.append(Tick(event.time, events=(event,)))
-        finally:
-            opened.close()
-        return told
-    inbox.put(event)
-    return f"{told}; the running monitoring takes it into the store with its next visit"
+    return told + hand_in(store, event, inbox)

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
@@ -22,6 +22,7 @@ from dashboards import (
     has_screen,
     open_command,
     open_viewer,
+    read_tracks,
     record_review,
     serve_web,
 )
@@ -30,6 +31,9 @@ from storage import Store, open_store
 from ..live_review import Follower
 from ..progress import progress
 from ..reviewing import crack_region, served_review
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["review"]
 
@@ -40,6 +44,7 @@ def review(
     preset: Preset = "overview",
     follow: Annotated[bool, Parameter(negative="")] = False,
     scans: str | None = None,
+    tracks: Annotated[Path | None, Parameter(name="--paths", negative="")] = None,
     web: Annotated[bool, Parameter(negative="")] = False,
     save: Path | None = None,
     port: int | None = None,
@@ -61,6 +66,8 @@ def review(
         Go along with a campaign or video that is running: the last hour first, then each scan as it comes.
     scans
         Only these scans, at full resolution: FIRST:LAST, both included; negative numbers count from the newest.
+    tracks
+        Table of what moves on the surface, as `microrelief track` wrote it: paths and numbers in the preset video.
     web
         Serve the review to a browser on this machine (127.0.0.1 alone) and print the link.
     save
@@ -74,11 +81,13 @@ def review(
     --------
     microrelief review demo/demo.icechunk --web
     microrelief review site.icechunk --preset cracks --scans -10:-1
+    microrelief review video.icechunk --preset video --paths paths.csv
     """
     if web and save is not None:
         raise InputError("--web and --save exclude each other: choose one")
-    if follow and (save is not None or scans is not None):
-        raise InputError(f"--follow and {'--save' if save is not None else '--scans'} exclude each other: choose one")
+    alone = {"--save": save, "--scans": scans, "--paths": tracks}
+    if follow and (other := next((name for name, given in alone.items() if given is not None), "")):
+        raise InputError(f"--follow and {other} exclude each other: choose one")
     if not web and save is None and not has_screen():
         raise MicroreliefError(NO_SCREEN)
     chosen = None if scans is None else _range(scans)
@@ -87,16 +96,17 @@ def review(
         check_ports(page)  # before the work of drawing
     opened = open_store(store)
     try:
+        moving = None if tracks is None else read_tracks(tracks, opened)
         with _ended_by_sigterm():
             if save is not None:
-                _record(opened, save, preset, chosen)
+                _record(opened, save, preset, chosen, moving)
                 size = save.stat().st_size / 1e6
                 told = f"{len(opened)} scans" if chosen is None else f"scans {scans}"
                 print(f"wrote {save} ({size:.1f} MB, {told}); open it with: {open_command(save)}")
             elif follow:
                 _follow(opened, store, preset, page if web else port, web=web)
             else:
-                with _source(opened, preset, chosen, page + 1 if web else None, origin) as source:
+                with _source(opened, preset, chosen, moving, page + 1 if web else None, origin) as source:
                     _show(source, page if web else port, web=web)
     except KeyboardInterrupt as told:
         if not isinstance(told, _Terminated):
@@ -108,22 +118,33 @@ def review(
 
 @contextmanager
 def _source(
-    opened: Store, preset: Preset, chosen: tuple[int, int] | None, port: int | None, origin: str
+    opened: Store,
+    preset: Preset,
+    chosen: tuple[int, int] | None,
+    tracks: pd.DataFrame | None,
+    port: int | None,
+    origin: str,
 ) -> Iterator[str | Path]:
     """Give what a viewer opens: the shards of the whole store, or a file of the chosen scans."""
     if chosen is not None:
         with tempfile.TemporaryDirectory(prefix="microrelief-") as folder:
             rrd = Path(folder) / "review.rrd"
-            _record(opened, rrd, preset, chosen)
+            _record(opened, rrd, preset, chosen, tracks)
             yield rrd
         return
-    with progress("recording scans") as step, served_review(opened, preset, port, step, origin=origin) as address:
+    with (
+        progress("recording scans") as step,
+        served_review(opened, preset, port, step, origin=origin, tracks=tracks) as address,
+    ):
         yield address
 
 
-def _record(store: Store, file: Path, preset: Preset, chosen: tuple[int, int] | None) -> None:
+def _record(
+    store: Store, file: Path, preset: Preset, chosen: tuple[int, int] | None, tracks: pd.DataFrame | None
+) -> None:
+    region = crack_region(store)
     with progress("recording scans") as step:
-        record_review(store, file, preset=preset, scans=chosen, region=crack_region(store), progress=step)
+        record_review(store, file, preset=preset, scans=chosen, region=region, tracks=tracks, progress=step)
 
 
 def _show(source: str | Path, port: int | None, *, web: bool) -> None:

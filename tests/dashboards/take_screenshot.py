@@ -13,7 +13,7 @@ import socket
 import subprocess
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -26,7 +26,6 @@ from PIL import Image
 from dashboards.viewer import free_port, viewer_program
 
 if TYPE_CHECKING:
-    from rerun.experimental import ViewerClient
     from rerun.experimental._viewer_client import View
 
 PACKAGES = ("libegl1", "libgl1-mesa-dri", "libvulkan1", "mesa-vulkan-drivers")
@@ -50,8 +49,11 @@ def missing_libraries() -> str:
 class Looker:
     """A headless viewer that shows one recording at a time."""
 
-    def __init__(self, client: ViewerClient, pid: int, patience_s: float = 60.0) -> None:
-        self._client = client
+    def __init__(self, address: str, pid: int, patience_s: float = 60.0) -> None:
+        from rerun.experimental import ViewerClient
+
+        self.address = address
+        self._client = ViewerClient(address)
         self._pid = pid
         self._patience_s = patience_s
 
@@ -86,12 +88,14 @@ class Looker:
         """All views of the layout by name; of those in several tabs, any."""
         return {view.name: view for view in self._client.get_state().views if view.visible}
 
-    def pictures(self) -> dict[str, Picture]:
+    def pictures(self, but: Collection[str] = ()) -> dict[str, Picture]:
         """Give each view of the tab in front as it is now, (row, column, 3), by name; for after `picture`."""
         found = {}
         for view in self._client.get_state().views:
+            if view.name in but:
+                continue
             try:
-                found[view.name] = _pixels(self._client.take_screenshot(view.view_id))
+                found[view.name] = pixels(self._client.take_screenshot(view.view_id))
             except ConnectionError as error:  # of another tab
                 if "NotFound" not in str(error):
                     raise
@@ -112,7 +116,7 @@ class Looker:
         deadline = time.monotonic() + self._patience_s
         last = self._shot(view, deadline)
         while time.monotonic() < deadline:
-            time.sleep(0.3)
+            time.sleep(0.6)
             now = self._shot(view, deadline)
             if now.shape == last.shape and np.array_equal(now, last):
                 return now
@@ -124,24 +128,34 @@ class Looker:
             # looked up each time: while the layout is still being laid out, a view may come again under another id
             try:
                 png = self._client.take_screenshot(self.views[view].view_id if view is not None else None)
-            except (ConnectionError, KeyError) as error:
-                gone = isinstance(error, KeyError) or "NotFound" in str(error)
+            except (ConnectionError, KeyError, TimeoutError) as error:  # the last: a viewer that has much to do
+                gone = not isinstance(error, ConnectionError) or "NotFound" in str(error)
                 if not gone or time.monotonic() > deadline:
                     raise
                 time.sleep(0.1)
                 continue
-            return _pixels(png)
+            return pixels(png)
 
 
-def _pixels(png: bytes) -> Picture:
+def pixels(png: bytes) -> Picture:
+    """Read a picture, (row, column, 3)."""
     return np.array(Image.open(io.BytesIO(png)).convert("RGB"))
+
+
+def coloured(picture: Picture) -> float:
+    """Share of pixels that are neither grey nor black."""
+    spread = picture.max(axis=-1).astype(int) - picture.min(axis=-1)
+    return float((spread > 40).mean())
+
+
+def moved(one: Picture, other: Picture) -> float:
+    """Share of pixels that differ between two pictures."""
+    return float((np.abs(one.astype(int) - other).max(axis=-1) > 30).mean())
 
 
 @contextmanager
 def looker(source: Path | str | None = None, size: str = "1920x1080", memory: str = "75%") -> Iterator[Looker]:
     """Start a headless viewer on a free port, open a recording in it if one is given, and end it afterwards."""
-    from rerun.experimental import ViewerClient
-
     with tempfile.TemporaryDirectory() as runtime:
         before = os.environ.get("XDG_RUNTIME_DIR")
         os.environ["XDG_RUNTIME_DIR"] = before or runtime
@@ -158,7 +172,7 @@ def looker(source: Path | str | None = None, size: str = "1920x1080", memory: st
             )
             try:
                 _wait_for(port, viewer)
-                look = Looker(ViewerClient(f"rerun+http://127.0.0.1:{port}/proxy"), viewer.pid)
+                look = Looker(f"rerun+http://127.0.0.1:{port}/proxy", viewer.pid)
                 if source is not None:
                     look.open(source)
                 yield look

@@ -64,7 +64,7 @@ def logged(file: Path) -> dict[str, list[int]]:
 
 def ticks(store: DryingStore) -> list[tuple[Tick, int]]:
     """The visits of a store as they were handed over."""
-    return list(ticks_since(store, 0, len(store.events)))
+    return list(ticks_since(store, 0, store.events))
 
 
 def test_a_late_review_begins_with_what_is_there_and_goes_on(tmp_path: Path) -> None:
@@ -120,12 +120,16 @@ def test_who_hands_over_never_waits_and_what_was_left_out_is_counted(
 
 def test_visits_since_are_told_with_their_events_and_measurements() -> None:
     whole = drying_store(6, 20)
-    found = list(ticks_since(whole, 4, 2))
+    assert len(whole.events) > 2
+    found = list(ticks_since(whole, 4, (whole.events[0], whole.events[2])))
     assert [number for _, number in found] == [4, 5]
     tick = found[-1][0]
     assert isinstance(tick.metrics["crack_opening"], Measurement)
     assert set(tick.metrics) == set(UNITS)
-    assert [event.kind for each, _ in found for event in each.events] == [event.kind for event in whole.events[2:]]
+    assert [event.kind for each, _ in found for event in each.events] == [
+        whole.events[1].kind,
+        *(event.kind for event in whole.events[3:]),
+    ]
 
 
 def _lost(store: DryingStore) -> Event:

@@ -176,6 +176,15 @@ def test_metrics_inside_a_region_are_those_of_its_cells(drying: DryingStore) -> 
     assert abs(expected - drying.table["net_volume"].iloc[-1]) > 0.5, "it is another number than the store's"
 
 
+def test_inside_a_region_every_scan_is_measured_where_that_is_affordable(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("dashboards.findings._MOST_READ", 3)
+    store, region = drying_store(6, 24), Region.parse("-4,-4,4,4")
+    assert len(gather(store).quality) == 3
+    assert len(gather(store, region=region).times) == 6
+    monkeypatch.setattr("dashboards.findings._MEASURED_CELLS", 4 * 24 * 24)
+    assert len(gather(store, region=region).times) == 4
+
+
 @pytest.mark.parametrize("text", ["", "1,2,3", "1,2,3,4,5", "a,b,c,d", "nan,0,1,1"])
 def test_a_region_that_is_none_is_refused(text: str) -> None:
     with pytest.raises(InputError, match="--region"):

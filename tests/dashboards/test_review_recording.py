@@ -86,6 +86,15 @@ def test_metrics_share_a_plot_only_where_both_can_be_seen(drying: DryingStore) -
     assert [len(group.metrics) for group in trend_groups(table, UNITS)] == [3, 1, 1, 1]
 
 
+def test_the_names_of_lines_stand_where_they_hide_none(drying: DryingStore) -> None:
+    table = drying.series().copy()
+    rising = np.linspace(0, 1, len(table))
+    for values, corner in ((rising, "LeftTop"), (-rising, "LeftBottom"), (rising * (1 - rising), "LeftBottom")):
+        table["crack_area"] = values
+        (group,) = trend_groups(table, {"crack_area": "mm2"})
+        assert group.corner == corner
+
+
 def test_chosen_scans_come_alone_at_full_resolution_beside_their_baseline(tmp_path: Path) -> None:
     from rerun.chunk import RrdReader
 

@@ -7,17 +7,23 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 import urllib.request
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
 import psutil
 import pytest
+from PIL import Image
 
 from monitor.cli import main
+from storage import open_store
+from tests.chromium import PROGRAM, chromium
 from tests.dashboards.drying import DryingStore, drying_store
 from tests.dashboards.filled_store import fill_store
+from tests.dashboards.take_screenshot import Picture, coloured, moved, pixels
 
 
 @pytest.fixture(scope="module")
@@ -170,9 +176,42 @@ def two_free_ports() -> int:
     raise AssertionError("no two free ports side by side")
 
 
-def test_the_web_review_listens_on_this_machine_alone_and_ends_with_us(store: Path) -> None:
+WEBGL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
+COLUMNS = {"surface": (slice(0, 440), 0.1), "maps": (slice(460, 670), 0.1), "trends": (slice(690, 900), 0.002)}
+"""Where the columns of the preset video lie in a window of 900 pixels, and how much of each is coloured at least."""
+
+
+def is_filled(picture: Picture) -> bool:
+    """Whether every column of the preset video shows something."""
+    return all(coloured(picture[:, at]) >= least for at, least in COLUMNS.values())
+
+
+def at_both_ends(link: str, folder: Path) -> tuple[Picture, Picture]:
+    """Open a review in Chromium: what it shows of the newest scan once it has drawn all, and of the first."""
+    with chromium(*WEBGL) as browser:
+        page = browser.new_page(viewport={"width": 900, "height": 560})
+        page.set_default_timeout(180_000)
+
+        def until(shown: Callable[[Picture], bool], name: str) -> Picture:
+            deadline = time.monotonic() + 90
+            while not shown(picture := pixels(page.screenshot())) and time.monotonic() < deadline:
+                page.wait_for_timeout(500)
+            Image.fromarray(picture).save(folder / name)
+            return picture
+
+        page.goto(f"{link}&renderer=webgl")
+        last = until(is_filled, "last.png")
+        page.mouse.click(285, 547)  # the beginning of the time line, which takes the focus first
+        page.mouse.click(285, 547)
+        at = COLUMNS["surface"][0]
+        first = until(lambda now: is_filled(now) and moved(now[:, at], last[:, at]) > 0.01, "first.png")
+    return last, first
+
+
+def test_the_web_review_listens_on_this_machine_alone_is_filled_and_ends_with_us(store: Path, tmp_path: Path) -> None:
     port = two_free_ports()
     command = [sys.executable, "-m", "monitor.cli", "review", str(store), "--web", "--port", str(port)]
+    command += ["--preset", "video"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as reviewing:
         assert reviewing.stdout is not None
         try:
@@ -184,12 +223,92 @@ def test_the_web_review_listens_on_this_machine_alone_and_ends_with_us(store: Pa
             assert listening == {("127.0.0.1", port), ("127.0.0.1", port + 1)}
             with urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=20) as page:
                 assert b"<html" in page.read().lower()
+            if PROGRAM is not None:
+                last, first = at_both_ends(line.split()[2], tmp_path)
+                assert is_filled(last)
+                assert is_filled(first)
+                assert moved(last[:, COLUMNS["surface"][0]], first[:, COLUMNS["surface"][0]]) > 0.01
             reviewing.send_signal(signal.SIGTERM)
             assert reviewing.wait(timeout=20) == 0
             assert not any(server.is_running() for server in servers)
         finally:
             if reviewing.poll() is None:
                 reviewing.kill()
+    if PROGRAM is None:
+        pytest.skip("what it shows needs a browser: apt-get install chromium")
+
+
+def logged(file: Path, path: str) -> list[str]:
+    """What a recording says at one path, in words."""
+    from rerun.chunk import RrdReader
+
+    said: list[str] = []
+    for chunk in RrdReader(file).store().stream():
+        if str(chunk.entity_path) == path:
+            columns = chunk.to_record_batch().to_pydict()
+            said += [str(value) for name, values in columns.items() if name.startswith("T") for value in values]
+    return said
+
+
+def test_a_remark_is_shown_by_review_and_report(run: Run, tmp_path: Path) -> None:
+    store = fill_store(drying_store(3, 20), tmp_path / "plot.icechunk")
+    about = ("--scan", "1", "--region=-2,-2,2,2", "--by", "Ann")
+    ended = run("annotate", store, "watered,\n 200 ml", *about)
+    assert ended.returncode == 0, ended.stderr
+    told = "watered, 200 ml (Ann, scan 1, region (-2, -2), (2, -2), (2, 2), (-2, 2) mm)"
+    assert ended.stdout == f"kept, 2026-05-04T12:00:00Z: {told}\n"
+    assert run("annotate", store, "rain", "--time", "2026-05-04T14:00", "--by", "Bo").returncode == 0
+    with closing(open_store(store, write=True)):  # while somebody writes it, it waits, and is shown all the same
+        ended = run("annotate", store, "newest", "--by", "Cy")
+        assert "takes it into the store with its next visit" in ended.stdout
+        run("report", store, "--out", "out")
+        run("review", store, "--save", "r.rrd")
+    page = (tmp_path / "out/report.html").read_text()
+    lines = "\n".join(logged(tmp_path / "r.rrd", "/log"))
+    for words in (told, "rain (Bo)", "newest (Cy, scan 2)"):
+        assert words in page
+        assert words in lines
+    assert "2026-05-04 14:00  annotation: rain" in lines
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ((" ",), "TEXT is empty"),
+        (("rain", "--scan", "0", "--time", "2026-05-04"), "--scan and --time exclude each other"),
+        (("rain", "--scan", "9"), "--scan 9: there is no such scan"),
+        (("rain", "--time", "noon"), "--time noon: "),
+        (("rain", "--region", "9,9,10,10"), "the region holds no cell"),
+    ],
+)
+def test_a_remark_about_nothing_is_refused(words: tuple[str, ...], says: str, store: Path, run: Run) -> None:
+    ended = run("annotate", store, *words)
+    assert ended.returncode == 2
+    assert says in one_line(ended)
+
+
+def test_paths_of_what_moves_are_shown_up_to_each_scan(store: Path, run: Run, tmp_path: Path) -> None:
+    times = ("2026-05-04T06:00:00Z", "2026-05-04T12:00:00Z", "2026-05-05T00:00:00Z")
+    rows = [f"{time},{name},{0.5 * n},{name},0.1" for n, time in enumerate(times) for name in (1, 2)]
+    (tmp_path / "paths.csv").write_text("\n".join(["time,identity,x [mm],y [mm],z [mm]", *rows]))
+    ended = run("review", store, "--save", "r.rrd", "--paths", "paths.csv", "--preset", "video")
+    assert ended.returncode == 0, ended.stderr
+    from rerun.chunk import RrdReader
+
+    trails: dict[int, list[int]] = {}
+    for chunk in RrdReader(tmp_path / "r.rrd").store().stream():
+        if str(chunk.entity_path) == "/maps/paths/trails":
+            columns = chunk.to_record_batch().to_pydict()
+            strips = columns["LineStrips2D:strips"]
+            trails |= {n: [len(each) for each in some] for n, some in zip(columns["scan"], strips, strict=True)}
+    assert trails == {0: [1, 1], 1: [2, 2], 2: [3, 3], 3: [], 4: []}
+
+    for text, why in (("a,b\n1,2\n", "no table of paths"), (rows[0], "no table of paths")):
+        (tmp_path / "other.csv").write_text(text)
+        assert why in one_line(run("review", store, "--save", "r.rrd", "--paths", "other.csv"))
+    assert "No such file" in one_line(run("review", store, "--save", "r.rrd", "--paths", "gone.csv"))
+    (tmp_path / "late.csv").write_text("time,identity,x,y,z\n2027-01-01T00:00:00Z,1,0,0,0\n")
+    assert "is of another store" in one_line(run("review", store, "--save", "r.rrd", "--paths", "late.csv"))
 
 
 def test_report_of_a_site_in_alarm_exits_3(store: Path, run: Run, tmp_path: Path) -> None:
