@@ -125,6 +125,46 @@ def test_length_of_a_ring() -> None:
     assert np.abs((ray * lines.normal).sum(axis=1)).min() > 0.97
 
 
+def strip(start: tuple[float, float], end: tuple[float, float], width: float) -> npt.NDArray[np.bool_]:
+    """Cells of a straight crack with round ends, its ends and width in cells."""
+    y, x = np.mgrid[:200, :200].astype(np.float64)
+    away, length = np.subtract(end, start), float(np.hypot(*np.subtract(end, start)))
+    along = np.clip(((x - start[0]) * away[0] + (y - start[1]) * away[1]) / length, 0, length) / length
+    inside: npt.NDArray[np.bool_] = np.hypot(x - start[0] - along * away[0], y - start[1] - along * away[1]) < width / 2
+    return inside
+
+
+@pytest.mark.parametrize("width", [5.0, 13.0, 31.0])
+@pytest.mark.parametrize("angle", [0.0, 0.4, np.pi / 4])
+def test_length_is_from_tip_to_tip(width: float, angle: float) -> None:
+    away = 60 * np.array([np.cos(angle), np.sin(angle)])
+    lines = crack_lines(strip(tuple(100 - away), tuple(100 + away), width))
+    assert lines.free_ends == 2
+    assert lines.step.sum() == pytest.approx(120 + width, abs=2)
+
+
+def test_a_short_branch_that_leaves_the_field_is_no_spur() -> None:
+    """The fork lies 15 cells from the border, less than the crack is wide."""
+    stem = strip((100.0, 100.0), (100.0, 184.0), 17.0)
+    legs = strip((100.0, 184.0), (60.0, 224.0), 17.0) | strip((100.0, 184.0), (140.0, 224.0), 17.0)
+    lines = crack_lines(stem | legs)
+    assert int(lines.leaves.sum()) == 2
+    assert lines.step.sum() == pytest.approx(84 + 17 / 2 + 2 * 15.5 * np.sqrt(2), abs=8)
+
+
+@pytest.mark.parametrize("cells", [20, 35])
+def test_a_crack_that_cuts_a_corner_of_the_field_is_found(cells: int) -> None:
+    """What is seen of it is shorter than any crack that ends inside the field may be."""
+    y, x = np.mgrid[:200, :200] * PITCH
+    across = (x + y) / np.sqrt(2) - cells * PITCH / np.sqrt(2)
+    height = 0.3 * bumps(4)(x, y) - 0.3 * np.clip(1 - (across / 0.1) ** 2, 0, None)
+    mask, truth = crack_mask(scan_of(height)), np.abs(across) < 0.1
+    assert cells * np.sqrt(2) * PITCH < 1.0
+    assert (mask & truth).sum() > 0.85 * (mask | truth).sum()
+    pit = bumps(4)(x, y) * 0.3 - 0.3 * np.exp(-((((x - 0.3) ** 2 + y**2) / 0.15**2) ** 2))
+    assert not crack_mask(scan_of(pit)).any()
+
+
 def test_spurs_are_pruned_and_branches_kept() -> None:
     mask = np.zeros((200, 300), dtype=np.bool_)
     mask[95:106] = True
