@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -185,17 +186,30 @@ def depth_at(shape: str, u: Floats) -> Floats:
     return inside
 
 
+def places(pitch: float, parts: int) -> tuple[Floats, Floats]:
+    """Of the parts of the cells of 2.8 x 2.8 mm."""
+    count = round(2.8 / pitch) * parts
+    y, x = (np.mgrid[:count, :count] + 0.5) * pitch / parts - pitch / 2
+    return x, y
+
+
+@cache
+def relief(pitch: float, parts: int) -> Floats:
+    """The ground of all the cracks below: it takes longest."""
+    return 0.3 * bumps(3)(*places(pitch, parts))
+
+
 @pytest.mark.parametrize("width", [0.1, 0.25, 0.4])
 @pytest.mark.parametrize(("shape", "pitch"), [(s, p) for s in ("parabola", "vee", "vertical") for p in (0.01, 0.02)])
 def test_the_edge_does_not_depend_on_the_shape(shape: str, pitch: float, width: float) -> None:
     """Cells are means over 4 x 4 points; the crack winds, so that its walls fall anywhere in a cell."""
     count, parts = round(2.8 / pitch), 4
-    y, x = (np.mgrid[: count * parts, : count * parts] + 0.5) * pitch / parts - pitch / 2
+    x, y = places(pitch, parts)
     middle = count * pitch / 2
     across, along = (x - middle) * 0.9 + (y - middle) * 0.436, (y - middle) * 0.9 - (x - middle) * 0.436
     distance = np.abs(across + 0.1 * np.sin(1.5 * along)) / np.hypot(1, 0.15 * np.cos(1.5 * along))
     lift = 0.1 * np.exp(-np.maximum(distance - width / 2, 0) / 0.8)
-    surface = lift - 0.6 * depth_at(shape, distance / (width / 2)) + 0.3 * bumps(3)(x, y)
+    surface = lift - 0.6 * depth_at(shape, distance / (width / 2)) + relief(pitch, parts)
     height = surface.reshape(count, parts, count, parts).mean(axis=(1, 3))
     noise = np.random.default_rng(1).normal(0, 0.003, height.shape)
     opening, _ = mean_opening(height + noise, pitch=pitch)
