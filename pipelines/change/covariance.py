@@ -11,6 +11,8 @@ import numpy.typing as npt
 
 from ..slabs import side_by_side
 from .blocks import error_sums
+from .difference import Z_95
+from .gaussian_mixture import gaussian_mixture, plane_shapes
 from .ranks import MAD_TO_SIGMA, median
 
 __all__ = ["ErrorCovariance", "covariance_by_lag", "covariance_of_sums", "error_covariance", "longest_lag"]
@@ -66,7 +68,9 @@ def error_covariance(dz: npt.NDArray[np.float32], stable: Mask, block: int = 1) 
     -------
     ErrorCovariance or None
         Averaged over directions and cut at its first value below zero; None where fewer than 400 stable cells were
-        measured. Gross outliers (beyond 6 robust sigmas) are left out.
+        measured. Gross outliers (beyond 6 robust sigmas) are left out. Errors whose correlation falls to 1/e beyond
+        an eighth of the map's shorter side have a mixture of Gaussians instead, widened for how few independent
+        values were seen.
     """
     if np.count_nonzero(stable & np.isfinite(dz)) < LEAST_CELLS:
         return None
@@ -76,7 +80,23 @@ def error_covariance(dz: npt.NDArray[np.float32], stable: Mask, block: int = 1) 
     reach = longest_lag((dz.shape[0], dz.shape[1])) // block
     pairs, products = _pooled([(values, counts)], reach)
     by_lag = _positive(_with_plane(_mean_products(pairs, products), pairs, counts, reach))
+    far = reach // 2
+    if 1 < far < by_lag.size and by_lag[far] > by_lag[1] / np.e:
+        return ErrorCovariance(_far(values, counts, 2 * reach, block), block, variance)
     return ErrorCovariance(by_lag, block, variance if block > 1 or not by_lag.size else float(by_lag[0]))
+
+
+def _far(values: Floats, counts: Floats, reach: int, block: int) -> Floats:
+    """Covariance of errors that reach so far that a plane through the ground takes much of them, widened.
+
+    The ground then holds a handful of independent values. A normal interval of such an estimate is too short by
+    Student's factor: the covariance is larger by its square.
+    """
+    from scipy import stats
+
+    by_lag, freedom = gaussian_mixture(*_pooled([(values, counts)], reach), counts, block)
+    widened: Floats = by_lag * (float(stats.t.ppf(0.975, freedom)) / Z_95) ** 2
+    return widened
 
 
 def _positive(covariance: Floats) -> Floats:
@@ -92,7 +112,7 @@ def _with_plane(found: Floats, pairs: Floats, counts: Floats, reach: int) -> Flo
     does. P C P is a sum over the plane's three orthonormal shapes, of the variance of each times its autocorrelation,
     and follows from C: a few rounds find both.
     """
-    shapes = side_by_side(*(partial(_products, shape, reach) for shape in _plane_shapes(counts)))
+    shapes = side_by_side(*(partial(_products, shape, reach) for shape in plane_shapes(counts)))
     pairs = np.maximum(pairs, 1.0)
     covariance = found
     for _ in range(ROUNDS):
@@ -100,21 +120,6 @@ def _with_plane(found: Floats, pairs: Floats, counts: Floats, reach: int) -> Flo
         lost = sum(max(0.0, float(each[: known.size] @ known)) * each for each in shapes)
         covariance = np.where(found != 0, found + lost / pairs, 0.0)
     return covariance
-
-
-def _plane_shapes(counts: Floats) -> list[Floats]:
-    """1, row and column on the cells of blocks, made orthonormal, summed by blocks; `counts` is cells used of each."""
-    row, column = (np.arange(n, dtype=np.float64) - n / 2 for n in counts.shape)
-    rows, columns = np.broadcast_to(row[:, None], counts.shape), np.broadcast_to(column[None, :], counts.shape)
-    shapes: list[Floats] = []
-    for plain in (np.ones(counts.shape), rows, columns):
-        shape = plain.copy()
-        # Gram and Schmidt, twice: once leaves what rounding made of nearly parallel shapes
-        for other in shapes * 2:
-            shape -= float(np.einsum("ij,ij,ij", shape, other, counts)) * other
-        size = float(np.sqrt(np.einsum("ij,ij,ij", shape, shape, counts)))
-        shapes.append(shape / size if size > 0 else shape)
-    return [shape * counts for shape in shapes]
 
 
 def covariance_by_lag(fields: Iterable[tuple[Floats, Mask]], reach: int) -> Floats:

@@ -11,6 +11,7 @@ from ..scan import Scan
 from .crack_edges import RIM_CELLS, STEP, crack_edges
 from .crack_lines import CrackLines, crack_lines
 from .crack_profiles import crack_profiles
+from .crack_shadows import shadow_edges
 from .cracks import CrackRule, crack_mask
 
 __all__ = ["CrackOpenings", "crack_openings", "opening_sigma"]
@@ -34,7 +35,7 @@ class CrackOpenings:
     step_mm : ndarray of float64, shape (n,)
         Length of crack that each point stands for.
     unseen_edges : float
-        Share of the edges that missing cells bound, 0 to 1: known to a cell, not to a part of one.
+        Share of the edges that missing cells bound and no light tells, 0 to 1: known to a cell, not to a part of one.
     lines : CrackLines
         All centre lines; the points above are those of them that are clear of junctions and ends.
     """
@@ -61,8 +62,9 @@ def crack_openings(
     sides. An edge is the first place where it comes within max(5 % of the depth, 3 sigma) of that side's own rim, the
     median height 1 to 5 cells beyond the mask; linear between samples half a cell apart, drawn in to where the
     wall's own slope leads and by the ramp that a cell makes of a vertical wall. Where cells are missing
-    right up to the rim (an unseen floor, an overhanging lip), the edge is where measurement begins. The two rims
-    may stand at different heights: the opening is the horizontal gap that a viewer from above sees.
+    right up to the rim (an unseen floor, an overhanging lip), the edge is where the texture falls to half of the rim's
+    light, and where it does not, where measurement begins. The two rims may stand at different heights: the opening is
+    the horizontal gap that a viewer from above sees.
 
     Parameters
     ----------
@@ -94,11 +96,19 @@ def crack_openings(
     distance = np.arange(0.0, reach + STEP, STEP)
     edges, sigmas, unseen = [], [], []
     sigma_z = float(np.nanmedian(scan.sigma)) if np.isfinite(scan.sigma).any() else 0.0
-    sampled = [crack_profiles(scan.height, mask, row, column, sign * normal, distance) for sign in (1.0, -1.0)]
+    light = np.where(np.isfinite(scan.height), scan.texture, np.float32(np.nan))
+    ways = [sign * normal for sign in (1.0, -1.0)]
+    sampled = [crack_profiles(scan.height, mask, row, column, way, distance) for way in ways]
     floor = np.minimum(*[np.nanmin(np.where(inside, z, np.inf), axis=1) for z, inside in sampled])
-    for z, inside in sampled:
-        edge, sigma, crossed = crack_edges(z, inside, floor, sigma_z)
-        unseen.append(1.0 - float(crossed.mean()))
+    for way, (z, inside) in zip(ways, sampled, strict=True):
+        edge, sigma, known = crack_edges(z, inside, floor, sigma_z)
+        dark = ~known
+        if dark.any():
+            lit, _ = crack_profiles(light, mask, row[dark], column[dark], way[dark], distance)
+            by_light = shadow_edges(lit, inside[dark], edge[dark])
+            known[dark] = np.isfinite(by_light)
+            edge[dark] = np.where(known[dark], by_light, edge[dark])
+        unseen.append(1.0 - float(known.mean()))
         edges.append(edge)
         sigmas.append(sigma)
     cells = edges[0] + edges[1]

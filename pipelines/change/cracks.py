@@ -182,15 +182,18 @@ def _strips(
 
 
 def _long_parts(mask: npt.NDArray[np.bool_], rule: CrackRule, pitch: float) -> npt.NDArray[np.bool_]:
-    """Drop the parts that are short or not elongated; of one that leaves the field, what is beyond counts as much."""
+    """Drop the parts that are short or not elongated, as they are on a map mirrored at its borders.
+
+    A part at the border was cut by it: its mirror image stands for what is beyond, of one in a corner twice.
+    """
     labels, count = ndimage.label(mask, structure=EIGHT)
     if count == 0:
         return mask
     area = np.bincount(labels.ravel(), minlength=count + 1).astype(np.float64)
+    for one, other in ((labels[0], labels[-1]), (labels[:, 0], labels[:, -1])):
+        area[np.unique(np.concatenate([one, other]))] *= 2
     width, length = _width_and_length(labels, count, area)
-    leaves = np.ones(count + 1)
-    leaves[np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])] = 2.0
-    keep = (length * pitch >= rule.least_length_mm) & (leaves * length >= rule.least_elongation * width)
+    keep = (length * pitch >= rule.least_length_mm) & (length >= rule.least_elongation * width)
     keep[0] = False
     return keep[labels]  # type: ignore[no-any-return]  # scipy ships no types
 
@@ -198,10 +201,10 @@ def _long_parts(mask: npt.NDArray[np.bool_], rule: CrackRule, pitch: float) -> n
 def _width_and_length(
     labels: npt.NDArray[np.int32], count: int, area: npt.NDArray[np.float64]
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """Width and length of each part, cells: a strip of width w has a mean distance to its edge of w / 4."""
+    """Width and length of each part of an area, cells: a strip of width w has a mean distance to its edge of w / 4."""
     inside = inner_distance(labels > 0)
     total = np.bincount(labels.ravel(), weights=inside.ravel(), minlength=count + 1)
-    width = np.maximum(1.0, 4 * total / np.maximum(area, 1) - 1)
+    width = np.maximum(1.0, 4 * total / np.maximum(np.bincount(labels.ravel(), minlength=count + 1), 1) - 1)
     return width, area / width
 
 

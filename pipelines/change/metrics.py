@@ -228,9 +228,9 @@ METRICS: Mapping[str, Metric] = MappingProxyType(
                 "crack_length",
                 "mm",
                 "Crack length",
-                "Length of the cracks' centre lines in the region, spurs left out.",
+                "Length of the cracks' centre lines in the region, from end to end, spurs left out.",
                 _crack_length,
-                "Half a width at each free end, 2.5 % for stairs, spurs and gaps, and a cell.",
+                "A quarter of the width at each free end, 2.5 % for stairs, spurs and gaps, and a cell.",
             ),
             Metric(
                 "crack_opening",

@@ -69,9 +69,9 @@ def judge(seed: int) -> None:
             f"{1000 * crack.depth:.0f} um, {100 * size.seen:.0f} % seen; tips {1000 * off[0]:.0f} and "
             f"{1000 * off[1]:.0f} um off, {speed:+.3f} mm/h"
         )
-        assert abs(width_off) <= 0.5 * GRID.pitch_mm
+        assert abs(width_off) <= 0.3 * GRID.pitch_mm
         assert abs(width_off) <= 2 * size.width.sigma
-        assert size.length.value == pytest.approx(long, rel=0.1)
+        assert size.length.value == pytest.approx(long, rel=0.05)
         assert max(off) <= crack.width, "an end is round"
         assert speed == pytest.approx(crack.growth, abs=0.03)
         if crack.depth < crack.width:

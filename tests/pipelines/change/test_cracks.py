@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -125,6 +126,46 @@ def test_length_of_a_ring() -> None:
     assert np.abs((ray * lines.normal).sum(axis=1)).min() > 0.97
 
 
+def strip(start: tuple[float, float], end: tuple[float, float], width: float) -> npt.NDArray[np.bool_]:
+    """Cells of a straight crack with round ends, its ends and width in cells."""
+    y, x = np.mgrid[:200, :200].astype(np.float64)
+    away, length = np.subtract(end, start), float(np.hypot(*np.subtract(end, start)))
+    along = np.clip(((x - start[0]) * away[0] + (y - start[1]) * away[1]) / length, 0, length) / length
+    inside: npt.NDArray[np.bool_] = np.hypot(x - start[0] - along * away[0], y - start[1] - along * away[1]) < width / 2
+    return inside
+
+
+@pytest.mark.parametrize("width", [5.0, 13.0, 31.0])
+@pytest.mark.parametrize("angle", [0.0, 0.4, np.pi / 4])
+def test_length_is_from_tip_to_tip(width: float, angle: float) -> None:
+    away = 60 * np.array([np.cos(angle), np.sin(angle)])
+    lines = crack_lines(strip(tuple(100 - away), tuple(100 + away), width))
+    assert lines.free_ends == 2
+    assert lines.step.sum() == pytest.approx(120 + width, abs=2)
+
+
+def test_a_short_branch_that_leaves_the_field_is_no_spur() -> None:
+    """The fork lies 15 cells from the border, less than the crack is wide."""
+    stem = strip((100.0, 100.0), (100.0, 184.0), 17.0)
+    legs = strip((100.0, 184.0), (60.0, 224.0), 17.0) | strip((100.0, 184.0), (140.0, 224.0), 17.0)
+    lines = crack_lines(stem | legs)
+    assert int(lines.leaves.sum()) == 2
+    assert lines.step.sum() == pytest.approx(84 + 17 / 2 + 2 * 15.5 * np.sqrt(2), abs=8)
+
+
+@pytest.mark.parametrize("cells", [20, 35])
+def test_a_crack_that_cuts_a_corner_of_the_field_is_found(cells: int) -> None:
+    """What is seen of it is shorter than any crack that ends inside the field may be."""
+    y, x = np.mgrid[:200, :200] * PITCH
+    across = (x + y) / np.sqrt(2) - cells * PITCH / np.sqrt(2)
+    height = 0.3 * bumps(4)(x, y) - 0.3 * np.clip(1 - (across / 0.1) ** 2, 0, None)
+    mask, truth = crack_mask(scan_of(height)), np.abs(across) < 0.1
+    assert cells * np.sqrt(2) * PITCH < 1.0
+    assert (mask & truth).sum() > 0.85 * (mask | truth).sum()
+    pit = bumps(4)(x, y) * 0.3 - 0.3 * np.exp(-((((x - 0.3) ** 2 + y**2) / 0.15**2) ** 2))
+    assert not crack_mask(scan_of(pit)).any()
+
+
 def test_spurs_are_pruned_and_branches_kept() -> None:
     mask = np.zeros((200, 300), dtype=np.bool_)
     mask[95:106] = True
@@ -145,17 +186,30 @@ def depth_at(shape: str, u: Floats) -> Floats:
     return inside
 
 
+def places(pitch: float, parts: int) -> tuple[Floats, Floats]:
+    """Of the parts of the cells of 2.8 x 2.8 mm."""
+    count = round(2.8 / pitch) * parts
+    y, x = (np.mgrid[:count, :count] + 0.5) * pitch / parts - pitch / 2
+    return x, y
+
+
+@cache
+def relief(pitch: float, parts: int) -> Floats:
+    """The ground of all the cracks below: it takes longest."""
+    return 0.3 * bumps(3)(*places(pitch, parts))
+
+
 @pytest.mark.parametrize("width", [0.1, 0.25, 0.4])
 @pytest.mark.parametrize(("shape", "pitch"), [(s, p) for s in ("parabola", "vee", "vertical") for p in (0.01, 0.02)])
 def test_the_edge_does_not_depend_on_the_shape(shape: str, pitch: float, width: float) -> None:
     """Cells are means over 4 x 4 points; the crack winds, so that its walls fall anywhere in a cell."""
     count, parts = round(2.8 / pitch), 4
-    y, x = (np.mgrid[: count * parts, : count * parts] + 0.5) * pitch / parts - pitch / 2
+    x, y = places(pitch, parts)
     middle = count * pitch / 2
     across, along = (x - middle) * 0.9 + (y - middle) * 0.436, (y - middle) * 0.9 - (x - middle) * 0.436
     distance = np.abs(across + 0.1 * np.sin(1.5 * along)) / np.hypot(1, 0.15 * np.cos(1.5 * along))
     lift = 0.1 * np.exp(-np.maximum(distance - width / 2, 0) / 0.8)
-    surface = lift - 0.6 * depth_at(shape, distance / (width / 2)) + 0.3 * bumps(3)(x, y)
+    surface = lift - 0.6 * depth_at(shape, distance / (width / 2)) + relief(pitch, parts)
     height = surface.reshape(count, parts, count, parts).mean(axis=(1, 3))
     noise = np.random.default_rng(1).normal(0, 0.003, height.shape)
     opening, _ = mean_opening(height + noise, pitch=pitch)

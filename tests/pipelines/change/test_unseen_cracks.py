@@ -173,3 +173,17 @@ def test_the_drying_soil(seed: int, age_h: float) -> None:
 )
 def test_parabolic_soils(seed: int, width_mm: float, least_overlap: float) -> None:
     judge(parabolic_soil(seed, width_mm), least_overlap, f"parabolic {seed}, {width_mm} mm", narrow=width_mm < 0.15)
+
+
+@pytest.mark.parametrize(
+    ("seed", "width_mm", "least_overlap"),
+    [
+        (3000, 0.3, 0.85),
+        (5019, 0.06, 0.6),
+        *(pytest.param(seed, 0.17, 0.85, marks=pytest.mark.soak) for seed in range(6000, 6010)),
+    ],
+)
+def test_small_fields(monkeypatch: pytest.MonkeyPatch, seed: int, width_mm: float, least_overlap: float) -> None:
+    """Fields of 4 mm, hardly wider than a plate: most cracks are cut by the border, some to less than a millimetre."""
+    monkeypatch.setitem(globals(), "HALF", 2.0)
+    judge(parabolic_soil(seed, width_mm), least_overlap, f"4 mm, parabolic {seed}, {width_mm} mm", narrow=False)

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from pipelines.change import Change, Motion, compare, difference, volumes
+from pipelines.change.gaussian_mixture import _by_distance, _rings, _taken, gaussian_mixture
 from pipelines.change.volume import error_covariance, volume_sigma
 from tests.pipelines.change.scans import sampled, scan_of
 
@@ -150,6 +151,47 @@ def test_sigma_is_that_of_monte_carlo_registration_included() -> None:
 @pytest.mark.parametrize("reach", [2.0, 3.0, 5.0])
 def test_sigma_is_that_of_monte_carlo_in_500_runs(reach: float) -> None:
     check_coverage(500, reach, 0.1, (0.92, 0.98))
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("reach", [10.0, 17.5])
+def test_errors_that_reach_across_the_map_widen_sigma(reach: float) -> None:
+    """A correlation length (to 1/e) of a seventh and a quarter of the shorter side: ten independent values at most.
+
+    So few do not tell sigma to a tenth; the interval holds nearly as often as it says all the same.
+    """
+    check_coverage(250, reach, 0.4, (0.88, 0.99))
+
+
+def test_what_a_plane_takes_from_each_covariance_is_known() -> None:
+    """Against the residuals' covariance, cell by cell: ``M C M``, M the projection off a plane."""
+    use = np.ones((14, 11), dtype=np.bool_)
+    use[4:9, 3:7] = False
+    at = np.argwhere(use).astype(np.float64)
+    away = np.hypot(*(at[:, None] - at[None]).transpose(2, 0, 1))
+    plane = np.linalg.qr(np.column_stack([np.ones(len(at)), at]))[0]
+    off = np.eye(len(at)) - plane @ plane.T
+    ring = np.rint(away).astype(np.intp)
+    pairs = np.bincount(ring.ravel())[:6]
+    scales = np.array([1.5, 4.0])
+    taken = _taken(use.astype(np.float64), 1, scales, 6)
+    for k, covariance in enumerate([np.eye(len(at)), *(np.exp(-(away**2) / (2 * a**2)) for a in scales)]):
+        lost = np.bincount(ring.ravel(), weights=(covariance - off @ covariance @ off).ravel())[:6] / pairs
+        np.testing.assert_allclose(taken[:, k], lost, atol=1e-12)
+
+
+def test_a_mixture_finds_the_covariance_behind_the_residuals() -> None:
+    """Given the products that errors of 0.3 white and 0.7 with a standard deviation of 8 cells have on average."""
+    counts = np.ones((72, 96))
+    distance = np.arange(36, dtype=np.float64)
+    scale = 0.7 * 2**3.5  # one of the mixture's own
+    rings = _by_distance(counts, counts, 35)
+    known = 0.3 * (distance == 0) + 0.7 * _rings(scale, 1, 36)
+    taken = _taken(counts, 1, np.array([scale]), 36)
+    products = rings * (known - taken @ [0.3, 0.7])
+    found, freedom = gaussian_mixture(rings, products, counts, 1)
+    np.testing.assert_allclose(np.pad(found, (0, 36))[:36], known, atol=0.002)
+    assert freedom == pytest.approx(72 * 96 / (np.pi * scale**2) - 3, rel=0.35)  # more at the border
 
 
 def test_too_little_ground_falls_back_on_the_sigmas() -> None:
