@@ -10,7 +10,7 @@ from numba import njit
 
 from ..slabs import in_slabs
 
-__all__ = ["MAD_TO_SIGMA", "median", "robust_sigma"]
+__all__ = ["MAD_TO_SIGMA", "at_rank", "median", "ordered", "robust_sigma"]
 
 MAD_TO_SIGMA = 1.4826
 """Standard deviation over median absolute deviation, for a normal distribution."""
@@ -21,6 +21,29 @@ SMALL = 4 * SAMPLED
 """Fewer values are sorted as they are."""
 
 Mask = npt.NDArray[np.bool_]
+
+
+@njit(cache=True, nogil=True)
+def at_rank(keys, count, rank):  # type: ignore[no-untyped-def]  # numba infers the types
+    """Key of a rank (from 0) among the first `count`: by halving, 32 counts in wide registers. For compiled loops."""
+    low, high = np.int64(-(2**31)), np.int64(2**31 - 1)
+    while low < high:
+        middle = (low + high) >> 1
+        bound = np.int32(middle)
+        below = 0
+        for k in range(count):
+            below += keys[k] <= bound
+        if below > rank:
+            high = middle
+        else:
+            low = middle + 1
+    return np.int32(low)
+
+
+@njit(cache=True, nogil=True)
+def ordered(bits):  # type: ignore[no-untyped-def]  # as above
+    """Bits of a float32 to a whole number in the order of the floats, and back. For compiled loops."""
+    return np.int32(bits ^ ((bits >> np.int32(31)) & np.int32(0x7FFFFFFF)))
 
 
 @njit(cache=True, nogil=True)

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from numba import njit
 
 from ..slabs import in_slabs
-from .ranks import MAD_TO_SIGMA, median, robust_sigma
+from .ranks import MAD_TO_SIGMA, at_rank, median, ordered, robust_sigma
 
 __all__ = ["Plane", "fit_plane", "largest_consensus", "mean_plane"]
 
@@ -136,29 +136,6 @@ def mean_plane(
 
 
 @njit(cache=True, nogil=True)
-def _at_rank(keys, count, rank):  # type: ignore[no-untyped-def]  # numba infers the types
-    """Key of a rank (from 0) among the first `count`: by halving, 32 counts in wide registers."""
-    low, high = np.int64(-(2**31)), np.int64(2**31 - 1)
-    while low < high:
-        middle = (low + high) >> 1
-        bound = np.int32(middle)
-        below = 0
-        for k in range(count):
-            below += keys[k] <= bound
-        if below > rank:
-            high = middle
-        else:
-            low = middle + 1
-    return np.int32(low)
-
-
-@njit(cache=True, nogil=True)
-def _ordered(bits):  # type: ignore[no-untyped-def]  # as above
-    """Bits of a float32 to a whole number in the order of the floats, and back."""
-    return np.int32(bits ^ ((bits >> np.int32(31)) & np.int32(0x7FFFFFFF)))
-
-
-@njit(cache=True, nogil=True)
 def _patches(dz, patch, medians, rest, first, last):  # type: ignore[no-untyped-def]  # as above
     """Median of each patch of which half is known, and what is left of its cells without it; rows of patches."""
     keys = np.empty(patch * patch, dtype=np.int32)
@@ -168,12 +145,12 @@ def _patches(dz, patch, medians, rest, first, last):  # type: ignore[no-untyped-
             for i in range(r * patch, (r + 1) * patch):
                 for j in range(c * patch, (c + 1) * patch):
                     if np.isfinite(dz[i, j]):
-                        keys[count] = _ordered(np.float32(dz[i, j]).view(np.int32))
+                        keys[count] = ordered(np.float32(dz[i, j]).view(np.int32))
                         count += 1
             if 2 * count < patch * patch:
                 continue
-            lower = np.int32(_ordered(_at_rank(keys, count, (count - 1) // 2))).view(np.float32)
-            upper = lower if count % 2 else np.int32(_ordered(_at_rank(keys, count, count // 2))).view(np.float32)
+            lower = np.int32(ordered(at_rank(keys, count, (count - 1) // 2))).view(np.float32)
+            upper = lower if count % 2 else np.int32(ordered(at_rank(keys, count, count // 2))).view(np.float32)
             medians[r, c] = (lower + upper) / np.float32(2)
             for i in range(r * patch, (r + 1) * patch):
                 for j in range(c * patch, (c + 1) * patch):
