@@ -14,7 +14,7 @@ __all__ = ["by_part", "part_greatest", "part_sums", "parts", "spread"]
 
 Mask = npt.NDArray[np.bool_]
 Labels = npt.NDArray[np.int32]
-Value = TypeVar("Value", np.bool_, np.float32)
+Value = TypeVar("Value", np.bool_, np.int32, np.float32)
 
 
 @njit(cache=True, nogil=True)

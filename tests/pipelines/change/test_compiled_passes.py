@@ -12,7 +12,7 @@ from scipy import ndimage
 from pipelines.change.bands import band_passed
 from pipelines.change.covariance import covariance_by_lag, covariance_of_sums, error_covariance
 from pipelines.change.crack_profiles import crack_profiles
-from pipelines.change.distance import inner_distance
+from pipelines.change.distance import inner_distance, nearest_outside
 from pipelines.change.extremes import greatest, least
 from pipelines.change.plate_sums import band_sums
 from pipelines.change.ranks import median, robust_sigma
@@ -31,6 +31,15 @@ def test_distances_are_those_of_scipy(mask: np.ndarray) -> None:
         assert (inner_distance(mask) == sum(mask.shape)).all()
     else:
         np.testing.assert_array_equal(inner_distance(mask), ndimage.distance_transform_edt(mask))
+
+
+@settings(max_examples=60, deadline=None)
+@given(arrays(np.bool_, shapes))
+def test_the_nearest_cell_outside_is_that_of_scipy(mask: np.ndarray) -> None:
+    mask[0, 0] = False
+    at = ndimage.distance_transform_edt(mask, return_distances=False, return_indices=True)
+    for found, expected in zip(nearest_outside(mask), at, strict=True):
+        np.testing.assert_array_equal(found[mask], expected[mask])
 
 
 @pytest.mark.parametrize("share", [0.5, 0.99, 0.9999])
