@@ -107,11 +107,13 @@ def _ranked(given: tuple[Any, ...], low: np.floating, high: np.floating) -> floa
     known = sum(part[1] for part in parts)
     if known == 0:
         return float("nan")
-    below = sum(part[2] for part in parts)
-    kept = np.concatenate([inside[first : first + count] for first, _, _, count in parts])
+    below, count = sum(part[2] for part in parts), sum(part[3] for part in parts)
     lower, upper = (known - 1) // 2 - below, known // 2 - below
-    if lower < 0 or upper >= kept.size:
+    if lower < 0 or upper >= count:
         return None
+    if low == high:  # heights and sigmas of a store are steps of some size: many are the same
+        return float(low)
+    kept = np.concatenate([inside[first : first + number] for first, _, _, number in parts])
     kept.partition((lower, upper))
     return float(np.mean(kept[[lower, upper]]))
 
