@@ -9,7 +9,7 @@ import numpy.typing as npt
 from numba import njit
 
 from ..slabs import in_slabs
-from .ranks import MAD_TO_SIGMA, at_rank, median, ordered, robust_sigma
+from .ranks import at_rank, median, ordered, robust_sigma
 
 __all__ = ["Plane", "every_of", "fit_plane", "largest_consensus", "mean_plane"]
 
@@ -67,12 +67,12 @@ def fit_plane(
     columns = [np.ones_like(z)] + ([x - centre[0], y - centre[1]] if tilt else [])
     design = np.stack(columns, axis=1)
     level = np.zeros(design.shape[1])
-    level[0] = np.median(z)
+    level[0] = median(z)
     normal = np.zeros((design.shape[1], design.shape[1]))
     residual = 0.0
     for _ in range(20):
         r = z - design @ level
-        residual = float(MAD_TO_SIGMA * np.median(np.abs(r - np.median(r))))
+        residual = robust_sigma(r)
         e = r / (CLIP * max(residual, 1e-9))
         weight = np.where(np.abs(e) < 1, (1 - e * e) ** 2, 0.0)
         normal = design.T @ (weight[:, None] * design)
