@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
 
 from ..scan import Scan
 from .crack_lines import CrackLines
+from .distance import nearest_outside
 from .smoothing import local_mean
 from .squares import grown
 from .values import Measurement
@@ -70,15 +70,13 @@ def crack_depths(scan: Scan, mask: npt.NDArray[np.bool_], lines: CrackLines) -> 
     nothing = Measurement(float("nan"), float("nan"))
     depth = np.full(mask.shape, np.nan, dtype=np.float32)
     plates = np.isfinite(scan.height) & ~grown(mask)
-    if not mask.any() or not plates.any():
-        return CrackDepths(depth, nothing, nothing, float("nan") if not mask.any() else 0.0)
     level = local_mean(scan.height, RIM_CELLS, use=plates)
-    nearest = ndimage.distance_transform_edt(
-        ~(plates & np.isfinite(level)), return_distances=False, return_indices=True
-    )
+    rims = plates & np.isfinite(level)
+    if not mask.any() or not rims.any():
+        return CrackDepths(depth, nothing, nothing, float("nan") if not mask.any() else 0.0)
+    row, column = nearest_outside(~rims)
     floor = mask & np.isfinite(scan.height)
-    at = nearest[:, floor]
-    depth[floor] = level[at[0], at[1]] - scan.height[floor]
+    depth[floor] = level[row[floor], column[floor]] - scan.height[floor]
     cells = int(floor.sum())
     if cells == 0:
         return CrackDepths(depth, nothing, nothing, 0.0)

@@ -13,6 +13,7 @@ from ..scan import Scan
 from ..slabs import in_slabs
 from .distance import inner_distance
 from .extremes import greatest, least
+from .parts import by_part, part_greatest, part_sums, parts, spread
 from .ranks import median
 from .smoothing import local_median
 from .squares import grown, shrunk
@@ -83,40 +84,54 @@ def crack_mask(scan: Scan, rule: CrackRule | None = None) -> npt.NDArray[np.bool
     sure = np.zeros(z.shape, dtype=np.bool_)
     maybe = np.zeros(z.shape, dtype=np.bool_)
     deepest = np.zeros(z.shape, dtype=np.float32)
+    top, side = z, 1
     for cells in _windows(widest):
-        depth = closing(z, cells) - z
-        deepest = np.fmax(deepest, depth)
+        # the greatest of a window is that of smaller windows in it
+        top, side = greatest(top, cells - side + 1), cells
         enough = max(noise, rule.least_aspect * cells * pitch)
-        sure |= depth > enough
-        maybe |= depth > max(noise, 0.5 * enough)
+        bounds = np.float32(enough), np.float32(max(noise, 0.5 * enough))
+        given = z, least(top, cells), *bounds, deepest, sure, maybe
+        in_slabs(len(z), lambda *rows, given=given: _deepened(*given, *rows), least=256)
     hidden, asymmetry = _hidden(z, widest, pitch)
     sure |= _strips(hidden, asymmetry, sure, rule, pitch)
-    core = ndimage.binary_propagation(sure, structure=EIGHT, mask=sure | maybe)
+    core = spread(sure, sure | maybe)
     # up the walls, but not away along a step: a step is thin where a wall that needs more than two cells is not
     steep = np.zeros(z.shape, dtype=np.bool_)
     for reach in (1, 2):  # one cell finds the top of a wall, two find it in noise
-        steep |= highest(z, reach) - z > max(noise, rule.wall_slope * reach * pitch)
+        steep |= greatest(z, 2 * reach + 1) - z > max(noise, rule.wall_slope * reach * pitch)
     thick = grown(shrunk(steep | core)) & steep
     near = grown(core, 2) & steep
     reach = max(2, round(rule.max_width_mm / 4 / pitch))
-    found = ndimage.binary_dilation(core, structure=EIGHT, iterations=reach, mask=core | thick | near)
+    found = spread(core, core | thick | near, reach)
     found = _long_parts(_without_pinholes(found), rule, pitch)
     found = _below_ground(found, z, deepest, 2 * widest | 1)
     return _walled(found, steep, np.isfinite(z))
+
+
+@njit(cache=True, nogil=True)
+def _deepened(  # type: ignore[no-untyped-def]  # numba infers the types from the arrays
+    z, closed, enough, half, deepest, sure, maybe, first, last
+):
+    """Take one window's valleys in: how far each cell lies below the lower rim."""
+    for i in range(first, last):
+        for j in range(z.shape[1]):
+            depth = closed[i, j] - z[i, j]  # NaN where not measured: deeper than nothing
+            deepest[i, j] = depth if depth > deepest[i, j] else deepest[i, j]
+            sure[i, j] |= depth > enough
+            maybe[i, j] |= depth > half
 
 
 def _walled(
     mask: npt.NDArray[np.bool_], steep: npt.NDArray[np.bool_], measured: npt.NDArray[np.bool_]
 ) -> npt.NDArray[np.bool_]:
     """Drop the parts that end gently: less than LEAST_WALL of their rim is steep or beside a floor not seen."""
-    labels, count = ndimage.label(mask, structure=EIGHT)
+    labels, count = parts(mask, diagonal=True)
     if count == 0:
         return mask
     rim = mask & grown(~mask)
     sharp = rim & (steep | grown(mask & ~measured))
-    keep = np.bincount(labels[sharp], minlength=count + 1) >= LEAST_WALL * np.bincount(labels[rim], minlength=count + 1)
-    keep[0] = False
-    return keep[labels]  # type: ignore[no-any-return]  # scipy ships no types
+    keep = part_sums(labels, count, sharp) >= LEAST_WALL * part_sums(labels, count, rim)
+    return by_part(labels, keep)
 
 
 def _below_ground(
@@ -127,31 +142,20 @@ def _below_ground(
     The floor (cells deeper than half the part's deepest) must lie below the median of a wide window by half its
     depth. A part whose floor was not seen is kept.
     """
-    labels, count = ndimage.label(mask, structure=EIGHT)
+    labels, count = parts(mask, diagonal=True)
     if count == 0:
         return mask
-    seen = mask & np.isfinite(z)
-    known = np.where(seen, depth, np.float32(0))
-    most = np.zeros(count + 1, dtype=np.float32)
-    np.maximum.at(most, labels[seen], known[seen])
-    floor = seen & (known > 0.5 * most[labels])
-    ground = local_median(z, window)
-    below = np.where(floor, ground - z, np.float32(0))
-    keep = np.ones(count + 1, dtype=np.bool_)
-    keep[0] = False
-    inside = np.bincount(labels[floor], minlength=count + 1)
-    low = np.bincount(labels[floor], weights=below[floor], minlength=count + 1)
-    deep = np.bincount(labels[floor], weights=known[floor], minlength=count + 1)
-    keep &= (inside == 0) | (low > 0.5 * deep)
-    return keep[labels]  # type: ignore[no-any-return]  # scipy ships no types
+    known = np.where(np.isfinite(z), depth, np.float32(0))  # a floor is deeper than that
+    floor = known > 0.5 * by_part(labels, part_greatest(labels, count, known))
+    low, deep = part_sums(labels, count, local_median(z, window) - z, floor), part_sums(labels, count, known, floor)
+    return by_part(labels, (deep == 0) | (low > 0.5 * deep))
 
 
 def _without_pinholes(mask: npt.NDArray[np.bool_], most: int = 25) -> npt.NDArray[np.bool_]:
     """Fill holes of at most `most` cells: noise on a crack's floor, not an island."""
-    labels, count = ndimage.label(~mask)
-    small = np.bincount(labels.ravel(), minlength=count + 1) <= most
-    small[0] = False
-    return mask | small[labels]  # type: ignore[no-any-return]  # scipy ships no types
+    outside = ~mask
+    labels, count = parts(outside, diagonal=False)
+    return mask | by_part(labels, part_sums(labels, count, outside) <= most)
 
 
 def _strips(
@@ -206,24 +210,6 @@ def _width_and_length(
     total = np.bincount(labels.ravel(), weights=inside.ravel(), minlength=count + 1)
     width = np.maximum(1.0, 4 * total / np.maximum(np.bincount(labels.ravel(), minlength=count + 1), 1) - 1)
     return width, area / width
-
-
-def closing(z: npt.NDArray[np.float32], cells: int) -> npt.NDArray[np.float32]:
-    """Grey closing by a square, missing cells ignored; NaN where the whole window is missing."""
-    top = np.where(np.isfinite(z), z, np.float32(-np.inf))
-    top = greatest(top, cells)
-    top[np.isneginf(top)] = np.inf
-    low = least(top, cells)
-    low[np.isposinf(low)] = np.nan
-    return low
-
-
-def highest(z: npt.NDArray[np.float32], reach: int) -> npt.NDArray[np.float32]:
-    """Highest measured cell within `reach` cells; NaN where there is none."""
-    top = np.where(np.isfinite(z), z, np.float32(-np.inf))
-    top = greatest(top, 2 * reach + 1)
-    top[np.isneginf(top)] = np.nan
-    return top
 
 
 def _windows(widest: int) -> list[int]:

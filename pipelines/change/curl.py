@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
 
 from .distance import inner_distance
+from .parts import by_part, part_greatest, part_sums, parts
 from .ranks import MAD_TO_SIGMA
 from .values import Measurement
 
@@ -31,8 +31,10 @@ SHARED_ERROR_CELLS = 25.0
 
 def crack_distance(crack: npt.NDArray[np.bool_], pitch_mm: float) -> npt.NDArray[np.float32]:
     """Distance of each cell's centre to the nearest crack cell's side, mm; half a cell less than to its centre."""
-    cells = inner_distance(~crack).astype(np.float32)
-    distance: npt.NDArray[np.float32] = np.maximum(cells - np.float32(0.5), np.float32(0)) * np.float32(pitch_mm)
+    distance = inner_distance(~crack).astype(np.float32)
+    distance -= np.float32(0.5)
+    np.maximum(distance, 0, out=distance)
+    distance *= np.float32(pitch_mm)
     return distance
 
 
@@ -41,6 +43,7 @@ def edge_lift(
     crack: npt.NDArray[np.bool_],
     region: npt.NDArray[np.bool_],
     pitch_mm: float,
+    distance: npt.NDArray[np.float32] | None = None,
 ) -> Measurement:
     """Mean rise of the plates' edges over their interiors.
 
@@ -62,6 +65,8 @@ def edge_lift(
         Crack at the later scan or at the baseline.
     region : ndarray of bool, shape (rows, columns)
     pitch_mm : float
+    distance : ndarray of float32, shape (rows, columns), optional
+        As `crack_distance` gives it; worked out if left out.
 
     Returns
     -------
@@ -71,30 +76,26 @@ def edge_lift(
     nothing = Measurement(float("nan"), float("nan"))
     if not crack.any():
         return nothing
-    plates, count = ndimage.label(region & ~crack)
+    plates, count = parts(region & ~crack, diagonal=False)
     if count == 0:
         return nothing
-    distance = crack_distance(crack, pitch_mm)
-    deepest = np.zeros(count + 1, dtype=np.float32)
-    np.maximum.at(deepest, plates.ravel(), distance.ravel())
-    measured = np.isfinite(dz) & (plates > 0)
-    interior = measured & (distance > np.maximum(INTERIOR_SHARE * deepest[plates], EDGE_BAND_MM[1]))
-    size = np.bincount(plates.ravel(), minlength=count + 1) * pitch_mm**2
-    values = np.where(measured, dz, np.float32(0)).astype(np.float64)
+    distance = crack_distance(crack, pitch_mm) if distance is None else distance
+    known = np.isfinite(dz)
+    inner = np.maximum(INTERIOR_SHARE * part_greatest(plates, count, distance), EDGE_BAND_MM[1])
+    interior = known & (distance > by_part(plates, inner.astype(np.float32, copy=False)))
 
-    def sums(mask: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.intp]]:
-        inside = plates[mask]
-        total = np.bincount(inside, weights=values[mask], minlength=count + 1).astype(np.float64)
-        return total, np.bincount(inside, minlength=count + 1)
+    def sums(mask: npt.NDArray[np.bool_]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        return part_sums(plates, count, dz, mask), part_sums(plates, count, mask)
 
     def band(offset_mm: float) -> npt.NDArray[np.bool_]:
         low, high = EDGE_BAND_MM[0] + offset_mm, EDGE_BAND_MM[1] + offset_mm
-        within: npt.NDArray[np.bool_] = measured & (distance > low) & (distance < high)
+        within: npt.NDArray[np.bool_] = known & (distance > low) & (distance < high)
         return within
 
     edge = band(0.0)
     edge_sum, edge_count = sums(edge)
     inner_sum, inner_count = sums(interior)
+    size = part_sums(plates, count, region) * pitch_mm**2
     valid = (size >= LEAST_PLATE_MM2) & (edge_count >= LEAST_CELLS) & (inner_count >= LEAST_CELLS)
     valid[0] = False
     if not valid.any():
@@ -108,8 +109,8 @@ def edge_lift(
     placed = float(np.average(shift, weights=edges)) / np.sqrt(3)
     # the spread about each plate's own edge level holds noise and the real differences along the edge
     about = edge_sum / np.maximum(edge_count, 1)
-    keep = valid[plates] & edge
-    spread = float(MAD_TO_SIGMA * np.median(np.abs(values[keep] - about[plates[keep]])))
+    keep = by_part(plates, valid) & edge
+    spread = float(MAD_TO_SIGMA * np.median(np.abs(dz[keep] - about[plates[keep]])))
     share = edges / edges.sum()
     variance = spread**2 * SHARED_ERROR_CELLS * float((share**2 * (1 / edges + 1 / inners)).sum())
     return Measurement(lift, float(np.hypot(np.sqrt(variance), placed)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 from numba import njit
 
 from ..scan import Scan
@@ -11,7 +12,9 @@ from .motion import Motion
 from .noise_model import NoiseModel, local_slope
 from .values import Change
 
-__all__ = ["Z_95", "difference"]
+__all__ = ["Z_95", "difference", "subtracted"]
+
+Cells = npt.NDArray[np.float32]
 
 Z_95 = 1.959963984540054
 """Two-sided 95 % point of the normal distribution."""
@@ -27,6 +30,14 @@ def _subtracted(  # type: ignore[no-untyped-def]  # numba infers the types from 
             spread = np.sqrt(sigma_now[i, j] ** 2 + sigma_then[i, j] ** 2)
             dz[i, j] = change
             lod[i, j] = z * (spread + shared) if abs(change) < np.inf else np.float32(np.nan)
+
+
+def subtracted(now: Scan, then: Scan) -> tuple[Cells, Cells]:
+    """Difference of two scans' heights and its standard uncertainty, mm; NaN where either is NaN."""
+    dz, sigma = np.empty((2, *now.height.shape), dtype=np.float32)
+    given = now.height, then.height, now.sigma, then.sigma, np.float32(1), np.float32(0), dz, sigma
+    in_slabs(len(dz), lambda first, last: _subtracted(*given, first, last), least=256)
+    return dz, sigma
 
 
 def difference(moved: Scan, baseline: Scan, motion: Motion, noise: NoiseModel | None = None) -> Change:

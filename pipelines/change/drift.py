@@ -104,12 +104,29 @@ def _some(residuals, every, sample):  # type: ignore[no-untyped-def]  # as above
     count = 0
     kept = 0
     for i in range(residuals.shape[0]):
-        for j in range(residuals.shape[1]):
-            if np.isfinite(residuals[i, j]):
-                if count % every == 0 and kept < sample.size:
-                    sample[kept] = residuals[i, j]
+        row = residuals[i]
+        left, right = 0, row.size
+        while left < right and not abs(row[left]) < np.inf:
+            left += 1
+        while right > left and not abs(row[right - 1]) < np.inf:
+            right -= 1
+        known = 0
+        for j in range(left, right):
+            known += abs(row[j]) < np.inf
+        ahead = (every - count % every) % every  # known ones to pass over before the next that is kept
+        if known == right - left:
+            for j in range(left + ahead, right, every):
+                if kept < sample.size:
+                    sample[kept] = row[j]
                     kept += 1
-                count += 1
+        else:
+            for j in range(left, right):
+                if abs(row[j]) < np.inf:
+                    if ahead == 0 and kept < sample.size:
+                        sample[kept] = row[j]
+                        kept += 1
+                    ahead = every - 1 if ahead == 0 else ahead - 1
+        count += known
     return count, kept
 
 

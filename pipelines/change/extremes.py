@@ -19,14 +19,17 @@ LINES = 64
 
 
 @njit(cache=True, nogil=True)
-def _along_rows(values, reach, out, first, last):  # type: ignore[no-untyped-def]  # numba infers the types
+def _along_rows(values, reach, sign, out, first, last):  # type: ignore[no-untyped-def]  # numba infers the types
     columns = values.shape[1]
     window = 2 * reach + 1
     line, other = np.empty(columns + 2 * reach, np.float32), np.empty(columns + 2 * reach, np.float32)
+    none = np.float32(-np.inf)
     for i in range(first, last):
-        line[:reach] = -np.inf
-        line[reach : reach + columns] = values[i]
-        line[reach + columns :] = -np.inf
+        line[:reach] = none
+        inner, row = line[reach : reach + columns], values[i]
+        for j in range(columns):
+            inner[j] = sign * row[j] if abs(row[j]) < np.inf else none
+        line[reach + columns :] = none
         side, size = 1, line.size
         while 2 * side <= window:
             size -= side
@@ -41,7 +44,7 @@ def _along_rows(values, reach, out, first, last):  # type: ignore[no-untyped-def
 
 
 @njit(cache=True, nogil=True)
-def _along_columns(values, reach, out, first, last):  # type: ignore[no-untyped-def]  # as above
+def _along_columns(values, reach, sign, out, first, last):  # type: ignore[no-untyped-def]  # as above
     rows = values.shape[0]
     window = 2 * reach + 1
     lines = np.empty((rows + 2 * reach, LINES), np.float32)
@@ -61,7 +64,7 @@ def _along_columns(values, reach, out, first, last):  # type: ignore[no-untyped-
         for i in range(rows):
             line, ahead, to = lines[i], lines[i + window - side], out[i, left : left + wide]
             for j in range(wide):
-                to[j] = line[j] if line[j] > ahead[j] else ahead[j]
+                to[j] = sign * (line[j] if line[j] > ahead[j] else ahead[j])
 
 
 def greatest(values: Floats, cells: int) -> Floats:
@@ -70,22 +73,27 @@ def greatest(values: Floats, cells: int) -> Floats:
     Parameters
     ----------
     values : ndarray of float32, shape (rows, columns)
-        No NaN; -inf where a cell does not count.
+        A cell that is not finite does not count.
     cells : int
         Side of the window, odd.
 
     Returns
     -------
     ndarray of float32, shape (rows, columns)
+        -inf where no cell of the window counts.
     """
-    rows, columns = values.shape
-    reach = cells // 2
-    wide, out = np.empty_like(values), np.empty_like(values)
-    in_slabs(rows, lambda first, last: _along_rows(values, reach, wide, first, last))
-    in_slabs(columns, lambda first, last: _along_columns(wide, reach, out, first, last))
-    return out
+    return _farthest(values, cells, 1)
 
 
 def least(values: Floats, cells: int) -> Floats:
-    """Least value of the part of a square window that lies on the map; as `greatest`, +inf does not count."""
-    return -greatest(-values, cells)
+    """Least value of the part of a square window that lies on the map, as `greatest`; +inf where no cell counts."""
+    return _farthest(values, cells, -1)
+
+
+def _farthest(values: Floats, cells: int, towards: int) -> Floats:
+    rows, columns = values.shape
+    reach, sign = cells // 2, np.float32(towards)
+    wide, out = np.empty_like(values), np.empty_like(values)
+    in_slabs(rows, lambda first, last: _along_rows(values, reach, sign, wide, first, last))
+    in_slabs(columns, lambda first, last: _along_columns(wide, reach, sign, out, first, last))
+    return out

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import numpy.typing as npt
 
 from ..scan import Scan
+from ..slabs import side_by_side
 from .bands import band_passed
 from .drift import SAMPLED, SIMILAR, Drift, Pattern, bands_of_baseline, pattern_of, refined, residuals_at
 from .motion import Motion
@@ -89,7 +92,7 @@ def _strips(scan: Scan, baseline: Scan, use: Mask, start: tuple[float, float]) -
     count = min(STRIPS, max(1, rows // STRIP_ROWS))
     size = rows // count if rows < 2 * count * STRIP_ROWS else STRIP_ROWS
     tops = [int((k + 0.5) * rows / count - size / 2) for k in range(count)]
-    bands = [band_passed(scan, top, top + size) for top in tops]
+    bands = side_by_side(*(partial(band_passed, scan, top, top + size) for top in tops))
     step = 1 if rows * columns < 300_000 else 2
     aside, along = round(start[0]), round(start[1])
     held = [_moved(use, top, size, aside, along) for top in tops]

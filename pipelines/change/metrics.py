@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from functools import lru_cache, partial
+from functools import partial
 from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
 
-from ..scan import Scan
 from ..slabs import side_by_side
-from .crack_depths import CrackDepths, crack_depths
 from .crack_lines import length_sigma
-from .crack_widths import CrackOpenings, crack_openings, opening_sigma
-from .cracks import crack_mask
+from .crack_widths import opening_sigma
 from .curl import edge_lift
-from .plates import Plate, find_plates
 from .roughness_metrics import ROUGHNESS_METRICS, forget_roughness
+from .shared_results import crack_of, cracked, depths_of, forget, openings_of, plates_of, volumes_of
 from .values import Comparison, Measurement, Metric
-from .volume import Volumes, volumes
 
 __all__ = ["METRICS", "measure"]
 
+FAMILIES = ("crack_",), ("net_", "gained_", "lost_"), ("roughness_",), ("plate_", "curl_", "edge_"), ("",)
+"""How names begin of metrics that rest on the same long work; families are worked out side by side, in this order."""
 NOT_MEASURED = Measurement(float("nan"), float("nan"))
 OF_PLATE = (
     "That plate's: spread of dz about its profile from the edge, 25 cells sharing each error; the edge, to a cell."
@@ -30,52 +28,24 @@ OF_PLATE = (
 OF_PLATES = "Mean of the plates' own, weighted by area: they are not taken to cancel."
 
 
-# Several metrics need the same intermediate result of one comparison. Each cache holds one, keyed by identity
-# (Comparison has no equality), and `measure` empties them, so that no scan outlives its tick.
-@lru_cache(maxsize=1)
-def _volumes(comparison: Comparison) -> Volumes:
-    return volumes(comparison.change, comparison.region, comparison.stable, comparison.noise)
-
-
-@lru_cache(maxsize=1)
-def _crack(comparison: Comparison) -> npt.NDArray[np.bool_]:
-    return crack_mask(comparison.scan) & comparison.region
-
-
-@lru_cache(maxsize=1)
-def _baseline_crack(baseline: Scan) -> npt.NDArray[np.bool_]:
-    # not emptied: the same baseline comes back with every scan of an epoch
-    return crack_mask(baseline)
-
-
-@lru_cache(maxsize=1)
-def _openings(comparison: Comparison) -> CrackOpenings:
-    return crack_openings(comparison.scan, _crack(comparison))
-
-
-@lru_cache(maxsize=1)
-def _depths(comparison: Comparison) -> CrackDepths:
-    return crack_depths(comparison.scan, _crack(comparison), _openings(comparison).lines)
-
-
 def _gained(comparison: Comparison) -> Measurement:
-    return _volumes(comparison).gained
+    return volumes_of(comparison).gained
 
 
 def _lost(comparison: Comparison) -> Measurement:
-    return _volumes(comparison).lost
+    return volumes_of(comparison).lost
 
 
 def _net(comparison: Comparison) -> Measurement:
-    return _volumes(comparison).net
+    return volumes_of(comparison).net
 
 
 def _crack_area(comparison: Comparison) -> Measurement:
     grid = comparison.scan.grid
     if not np.isfinite(comparison.scan.height).any():
         return NOT_MEASURED
-    area = float(_crack(comparison).sum()) * grid.cell_mm2
-    openings = _openings(comparison)
+    area = float(np.count_nonzero(crack_of(comparison))) * grid.cell_mm2
+    openings = openings_of(comparison)
     length = float(openings.lines.step.sum()) * grid.pitch_mm
     return Measurement(area, max(length * opening_sigma(openings, grid.pitch_mm), grid.cell_mm2))
 
@@ -84,7 +54,7 @@ def _crack_length(comparison: Comparison) -> Measurement:
     pitch = comparison.scan.grid.pitch_mm
     if not np.isfinite(comparison.scan.height).any():
         return NOT_MEASURED
-    lines = _openings(comparison).lines
+    lines = openings_of(comparison).lines
     length = float(lines.step.sum()) * pitch
     return Measurement(length, length_sigma(length, lines.free_ends, lines.end_width * pitch, pitch))
 
@@ -95,14 +65,15 @@ SEEN_SHARE = 0.5
 
 def _uncracked(comparison: Comparison) -> bool:
     """Whether the region was seen and holds no crack: then there is nothing to measure, which is not unmeasured."""
-    seen = np.isfinite(comparison.scan.height[comparison.region])
-    return bool(seen.size) and float(seen.mean()) >= SEEN_SHARE and not _crack(comparison).any()
+    cells = np.count_nonzero(comparison.region)
+    seen = np.count_nonzero(np.isfinite(comparison.scan.height) & comparison.region)
+    return bool(0 < cells <= seen / SEEN_SHARE) and not crack_of(comparison).any()
 
 
 def _crack_opening(comparison: Comparison) -> Measurement:
     if _uncracked(comparison):
         return Measurement(0.0, comparison.scan.grid.pitch_mm)
-    openings = _openings(comparison)
+    openings = openings_of(comparison)
     known = np.isfinite(openings.opening_mm)
     if not known.any():
         return NOT_MEASURED
@@ -113,28 +84,22 @@ def _crack_opening(comparison: Comparison) -> Measurement:
 def _crack_depth(comparison: Comparison) -> Measurement:
     if _uncracked(comparison):
         return Measurement(0.0, comparison.scan.grid.pitch_mm)
-    return _depths(comparison).mean
+    return depths_of(comparison).mean
 
 
 def _crack_volume(comparison: Comparison) -> Measurement:
     if _uncracked(comparison):
         return Measurement(0.0, comparison.scan.grid.pitch_mm**3)
-    return _depths(comparison).volume
+    return depths_of(comparison).volume
 
 
 def _crack_seen(comparison: Comparison) -> Measurement:
-    return Measurement(_depths(comparison).seen, 0.0)
+    return Measurement(depths_of(comparison).seen, 0.0)
 
 
 def _edge_lift(comparison: Comparison) -> Measurement:
-    # only within the region: the seam of a holder beside it is no crack
-    crack = _crack(comparison) | (_baseline_crack(comparison.baseline) & comparison.region)
-    return edge_lift(comparison.change.dz, crack, comparison.region, comparison.scan.grid.pitch_mm)
-
-
-@lru_cache(maxsize=1)
-def _plates(comparison: Comparison) -> tuple[Plate, ...]:
-    return find_plates(comparison, _crack(comparison), _baseline_crack(comparison.baseline))[1]
+    crack, distance = cracked(comparison)
+    return edge_lift(comparison.change.dz, crack, comparison.region, comparison.scan.grid.pitch_mm, distance)
 
 
 def _mean_of_plates(name: str) -> Callable[[Comparison], Measurement]:
@@ -164,7 +129,7 @@ def _largest_of_plates(name: str, share: float = 1.0) -> Callable[[Comparison], 
 
 
 def _of_plates(comparison: Comparison, name: str) -> tuple[npt.NDArray[np.float64], ...]:
-    plates = [plate for plate in _plates(comparison) if np.isfinite(getattr(plate, name).value)]
+    plates = [plate for plate in plates_of(comparison) if np.isfinite(getattr(plate, name).value)]
     measured = [getattr(plate, name) for plate in plates]
     return (
         np.array([one.value for one in measured]),
@@ -174,10 +139,10 @@ def _of_plates(comparison: Comparison, name: str) -> tuple[npt.NDArray[np.float6
 
 
 def _covered(comparison: Comparison) -> Measurement:
-    total = int(comparison.region.sum())
+    total = np.count_nonzero(comparison.region)
     if total == 0:
         return NOT_MEASURED
-    return Measurement(float(np.isfinite(comparison.change.dz[comparison.region]).sum() / total), 0.0)
+    return Measurement(np.count_nonzero(np.isfinite(comparison.change.dz) & comparison.region) / total, 0.0)
 
 
 def _coverage(comparison: Comparison) -> Measurement:
@@ -378,12 +343,18 @@ def measure(comparison: Comparison, names: Iterable[str]) -> dict[str, Measureme
     unknown = [name for name in wanted if name not in METRICS]
     if unknown:
         raise KeyError(f"no metric {unknown[0]!r}: choose from {', '.join(METRICS)}")
+    families: dict[tuple[str, ...], list[str]] = {starts: [] for starts in FAMILIES}
+    for name in wanted:
+        families[next(starts for starts in FAMILIES if name.startswith(starts))].append(name)
     try:
-        # what takes longest does not need each other; the caches hold it for the metrics
-        if {"net_volume", "crack_length"} <= set(wanted):
-            side_by_side(partial(_volumes, comparison), partial(_openings, comparison))
-        return {name: METRICS[name].measure(comparison) for name in wanted}
+        found: dict[str, Measurement] = {}
+        for part in side_by_side(*(partial(_all_of, comparison, family) for family in families.values())):
+            found |= part
     finally:
-        for cached in (_volumes, _crack, _openings, _depths, _plates):
-            cached.cache_clear()
+        forget()
         forget_roughness()
+    return {name: found[name] for name in wanted}
+
+
+def _all_of(comparison: Comparison, names: list[str]) -> dict[str, Measurement]:
+    return {name: METRICS[name].measure(comparison) for name in names}

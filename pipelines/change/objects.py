@@ -13,6 +13,7 @@ from scipy import ndimage
 from ..grid import Grid
 from ..scan import Scan
 from ..slabs import in_slabs
+from .parts import parts
 from .ranks import median
 from .smoothing import local_mean
 from .squares import grown, shrunk
@@ -21,7 +22,6 @@ from .values import Measurement
 
 __all__ = ["Expected", "ObjectRule", "StandingObject", "find_objects"]
 
-EIGHT = np.ones((3, 3), dtype=np.bool_)
 BESIDE_MM = 0.1
 """An object is expected in the part that is no farther from its place."""
 SHARED_ERROR_CELLS = 9.0
@@ -135,15 +135,16 @@ def find_objects(
     rule = ObjectRule() if rule is None else rule
     if substrate.level.shape != scan.height.shape:
         raise ValueError(f"a scan of {scan.height.shape} cells, but the substrate has {substrate.level.shape}")
-    rise = scan.height - substrate.level
+    rise, sigma = (np.empty(scan.height.shape, dtype=np.float32) for _ in range(2))
+    given = scan.height, substrate.level, scan.sigma, substrate.sigma, rise, sigma
+    in_slabs(len(rise), lambda first, last: _risen(*given, first, last), least=256)
     smooth = local_mean(rise, 3)
-    typical = float(np.nan_to_num(median(np.sqrt(scan.sigma**2 + substrate.sigma**2))))
+    typical = float(np.nan_to_num(median(sigma)))
     # cells share errors: a mean over 3 x 3 is hardly better than one of them
     high = smooth > max(rule.noise * typical, 0.2 * rule.least_height_mm)
     high = grown(shrunk(high))
     high |= shrunk(grown(high, 2), 2) & ~np.isfinite(rise)
-    labels = np.zeros(high.shape, dtype=np.int32)
-    count = ndimage.label(high, structure=EIGHT, output=labels)
+    labels, count = parts(high, diagonal=True)
     origin = _cut(labels, count, scan.grid, expected)
     found = [
         one
@@ -195,7 +196,15 @@ def _mahalanobis(one: Expected, x: npt.NDArray[np.float64], y: npt.NDArray[np.fl
 
 
 @njit(cache=True, nogil=True)
-def _dropped(labels, keep, first, last):  # type: ignore[no-untyped-def]  # numba infers the types from the arrays
+def _risen(now, level, sigma, spread, rise, both, first, last):  # type: ignore[no-untyped-def]  # numba infers the types
+    for i in range(first, last):
+        for j in range(now.shape[1]):
+            rise[i, j] = now[i, j] - level[i, j]
+            both[i, j] = np.sqrt(sigma[i, j] ** 2 + spread[i, j] ** 2)
+
+
+@njit(cache=True, nogil=True)
+def _dropped(labels, keep, first, last):  # type: ignore[no-untyped-def]  # as above
     for i in range(first, last):
         for j in range(labels.shape[1]):
             if not keep[labels[i, j]]:

@@ -1,4 +1,4 @@
-"""Line and parabola of least squares through a band of cells along a plate's edge, from one pass over the cells."""
+"""The cells of one plate, and lines and parabolas of least squares through a band of them; each from one pass."""
 
 from __future__ import annotations
 
@@ -10,9 +10,64 @@ from numba import njit
 
 from .curl import LEAST_CELLS
 
-__all__ = ["BandSums", "band_sums"]
+__all__ = ["BandSums", "PlateCells", "band_sums", "cells_of"]
 
 Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlateCells:
+    """The cells of one plate, row by row.
+
+    Parameters
+    ----------
+    row, column : ndarray of float64, shape (n,)
+    values : ndarray of float64, shape (maps, n)
+        What some maps show there.
+    outline : int
+        How many of the cells have a neighbour on one of the four sides that is not of the plate.
+    """
+
+    row: Floats
+    column: Floats
+    values: Floats
+    outline: int
+
+
+@njit(cache=True, nogil=True)
+def _gathered(labels, label, top, bottom, left, right, one, two, three, row, column, values):  # type: ignore[no-untyped-def]  # numba infers the types
+    n = outline = 0
+    for i in range(top, bottom):
+        for j in range(left, right):
+            if labels[i, j] != label:
+                continue
+            row[n], column[n] = i, j
+            values[0, n], values[1, n], values[2, n] = one[i, j], two[i, j], three[i, j]
+            n += 1
+            inner = i > top and j > left and i + 1 < bottom and j + 1 < right
+            outline += not (
+                inner
+                and labels[i - 1, j] == label
+                and labels[i + 1, j] == label
+                and labels[i, j - 1] == label
+                and labels[i, j + 1] == label
+            )
+    return n, outline
+
+
+def cells_of(
+    labels: npt.NDArray[np.int32],
+    label: int,
+    box: tuple[slice, slice],
+    maps: tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.float32]],
+) -> PlateCells:
+    """Gather the cells of a label, which all lie in a box, and what three maps show there."""
+    rows, columns = box
+    most = (rows.stop - rows.start) * (columns.stop - columns.start)
+    found = np.empty((5, most))
+    given = rows.start, rows.stop, columns.start, columns.stop, *maps
+    n, outline = _gathered(labels, label, *given, found[0], found[1], found[2:])
+    return PlateCells(found[0, :n], found[1, :n], found[2:, :n], outline)
 
 
 @njit(cache=True, nogil=True)

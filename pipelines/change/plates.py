@@ -9,7 +9,8 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from .curl import EDGE_BAND_MM, INTERIOR_SHARE, LEAST_CELLS, LEAST_PLATE_MM2, SHARED_ERROR_CELLS, crack_distance
-from .plate_sums import band_sums
+from .parts import by_part, part_sums, parts
+from .plate_sums import band_sums, cells_of
 from .ranks import MAD_TO_SIGMA
 from .values import Change, Comparison, Measurement
 
@@ -67,7 +68,7 @@ class Plate:
 
 
 def find_plates(
-    comparison: Comparison, crack: Mask, baseline_crack: Mask
+    comparison: Comparison, crack: Mask, baseline_crack: Mask, distance: npt.NDArray[np.float32] | None = None
 ) -> tuple[npt.NDArray[np.int32], tuple[Plate, ...]]:
     """Measure the curl of each plate.
 
@@ -92,6 +93,8 @@ def find_plates(
     comparison : Comparison
     crack, baseline_crack : ndarray of bool, shape (rows, columns)
         As `crack_mask` gives them.
+    distance : ndarray of float32, shape (rows, columns), optional
+        To both, as `crack_distance` gives it; worked out if left out.
 
     Returns
     -------
@@ -103,16 +106,16 @@ def find_plates(
     """
     region, grid = comparison.region, comparison.scan.grid
     now, then = crack & region, baseline_crack & region
-    labels, count = _parted(region & ~now & ~then, comparison.change)
-    sizes = np.bincount(labels.ravel(), minlength=count + 1)
-    sizes[0] = 0
+    ground = region & ~now & ~then
+    labels, count = _parted(ground, comparison.change)
+    sizes = part_sums(labels, count, ground)
     order = np.argsort(-sizes, kind="stable")[: int((sizes * grid.cell_mm2 >= LEAST_PLATE_MM2).sum())]
     rank = np.zeros(count + 1, dtype=np.int32)
     rank[order] = np.arange(1, order.size + 1)
-    labels = rank[labels]
+    labels = by_part(labels, rank)
     if not (now | then).any() or not order.size:
         return labels, ()
-    distance = crack_distance(now | then, grid.pitch_mm)
+    distance = crack_distance(now | then, grid.pitch_mm) if distance is None else distance
     found = []
     for label, box in enumerate(ndimage.find_objects(labels), start=1):
         plate = _measured(comparison, labels, label, box, distance)
@@ -130,7 +133,7 @@ def _parted(ground: Mask, change: Change) -> tuple[npt.NDArray[np.int32], int]:
     margin = 1 + int(np.ceil(np.abs(change.motion.shift_mm[:2]).max() / change.grid.pitch_mm))
     beyond = ~np.isfinite(change.dz)
     beyond[margin:-margin, margin:-margin] = False
-    labels, count = ndimage.label(ground & ~beyond)
+    labels, count = parts(ground & ~beyond, diagonal=False)
     inward = np.ix_(*(np.clip(np.arange(n), margin, n - 1 - margin) for n in labels.shape))
     return np.where(ground & beyond, labels[inward], labels), count
 
@@ -157,13 +160,9 @@ def _measured(
     distance: npt.NDArray[np.float32],
 ) -> Plate | None:
     grid = comparison.scan.grid
-    inside = labels[box] == label
-    row, column = np.nonzero(inside)
-    x = grid.x0_mm + (column + box[1].start) * grid.pitch_mm
-    y = grid.y0_mm + (row + box[0].start) * grid.pitch_mm
-    dz, d, then = (
-        cells[box][inside].astype(np.float64) for cells in (comparison.change.dz, distance, comparison.baseline.height)
-    )
+    cells = cells_of(labels, label, box, (comparison.change.dz, distance, comparison.baseline.height))
+    dz, d, then = cells.values
+    x, y = grid.x0_mm + cells.column * grid.pitch_mm, grid.y0_mm + cells.row * grid.pitch_mm
     low, high = EDGE_BAND_MM
     rim = (d > low) & (d < high)
     known = np.isfinite(dz)
@@ -198,7 +197,7 @@ def _measured(
         label=label,
         x_mm=float(x.mean()),
         y_mm=float(y.mean()),
-        area=Measurement(float(inside.sum()) * grid.cell_mm2, _outline(inside) * grid.cell_mm2 / np.sqrt(12)),
+        area=Measurement(x.size * grid.cell_mm2, cells.outline * grid.cell_mm2 / np.sqrt(12)),
         lift=Measurement(
             lift,
             float(np.hypot(spread * np.sqrt(shared * (1 / edge.sum() + 1 / interior.sum())), lift_placed / root3)),
@@ -219,10 +218,6 @@ def _measured(
         edge_seen=float(edge.sum() / rim.sum()),
         tilt_removed=told,
     )
-
-
-def _outline(inside: Mask) -> float:
-    return float(inside.sum() - ndimage.binary_erosion(inside).sum())
 
 
 def _by_distance(d: Floats, pitch: float) -> tuple[npt.NDArray[np.intp], Floats]:

@@ -7,12 +7,13 @@ import numpy.typing as npt
 
 from ..grid import Grid
 from ..scan import Scan
+from .difference import subtracted
 from .drift import Drift, lateral_drift
 from .follow import followed_drift
 from .motion import Motion, Verdict
 from .move import apply_motion
 from .ranks import median
-from .stable import Plane, fit_plane, largest_consensus, mean_plane
+from .stable import Plane, every_of, fit_plane, largest_consensus, mean_plane
 
 __all__ = ["LEAST_CELLS", "find_motion", "register"]
 
@@ -118,10 +119,10 @@ def _levelled(
     shared = SHARED_ERROR_CELLS * (scan.grid.pitch_mm / baseline.grid.pitch_mm) ** 2
     for _ in range(2):
         moved = apply_motion(scan, _candidate(matrix), baseline.grid)
-        dz = moved.height - baseline.height
+        dz, sigma = subtracted(moved, baseline)
         held = ground & np.isfinite(dz)
         if sought:
-            agreed, share = largest_consensus(dz, np.sqrt(moved.sigma**2 + baseline.sigma**2))
+            agreed, share = largest_consensus(dz, sigma)
             # with no majority, what a minority agrees on may be anything: the middle of everything is safer
             held = held & agreed if share >= LEAST_CONSENSUS else held
         plane = _plane_of(dz, held, baseline, shared)
@@ -131,7 +132,7 @@ def _levelled(
         matrix = _levelling(plane, baseline) @ matrix
     assert plane is not None
     # an imported map may say no sigma: then its residual cannot be judged
-    expected = median(np.sqrt(moved.sigma**2 + baseline.sigma**2), held)
+    expected = median(sigma, held)
     expected = expected if np.isfinite(expected) else np.inf
     # 1 um keeps a noise-free height map (imported, synthetic) from being judged by its rounding
     verdict, reason = _judge(drift, plane.residual / max(expected, 1e-3), share)
@@ -186,11 +187,11 @@ def _failed(overlap: float, reason: str) -> Motion:
 
 def _plane_of(dz: npt.NDArray[np.float32], held: npt.NDArray[np.bool_], baseline: Scan, shared: float) -> Plane | None:
     """Plane through dz on the held cells, robustly from at most MOST_CELLS of them, then from all."""
-    rows, columns = np.nonzero(held)
-    if rows.size < 50:
+    count = int(np.count_nonzero(held))
+    if count < 50:
         return None
-    every = max(1, rows.size // MOST_CELLS)
-    rows, columns = rows[::every], columns[::every]
+    every = max(1, count // MOST_CELLS)
+    rows, columns = every_of(held, every, count)
     grid = baseline.grid
     values = dz[rows, columns].astype(np.float64)
     plane = fit_plane(grid.x_mm[columns], grid.y_mm[rows], values, per_patch=max(1.0, shared / every))

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from .roughness_kernels import gaussian_mean, moments, power_sums, without_form
 from .values import Measurement
 
 __all__ = ["ROUGHNESS", "Filters", "filtered", "height_parameters", "roughness"]
@@ -96,35 +97,25 @@ def filtered(height: Floats, pitch_mm: float, filters: Filters) -> Floats:
         mm, with a mean of 0. Filters are Gaussian regressions of order 0: means over the measured cells within the
         Gaussian, so that neither borders nor missing cells pull.
     """
-    known = np.isfinite(height)
-    surface = height if filters.s_mm is None else _smooth(height, known, filters.s_mm / pitch_mm)
-    surface = surface - _form(surface, known, filters.form)
+    surface = height if filters.s_mm is None else gaussian_mean(height, GAUSSIAN * filters.s_mm / pitch_mm)
+    surface = _formless(surface, filters.form)
     if filters.l_mm is not None:
-        surface = surface - _smooth(surface, known, filters.l_mm / pitch_mm)
-    limited: Floats = surface - surface[known].mean()
-    return limited
+        surface = surface - gaussian_mean(surface, GAUSSIAN * filters.l_mm / pitch_mm)
+        surface -= np.nanmean(surface)
+    return surface
 
 
-def _form(surface: Floats, known: npt.NDArray[np.bool_], order: int) -> Floats:
-    """Polynomial of least squares through the known cells: its normal equations are products with powers of x and y."""
-    x, y = (np.linspace(-0.5, 0.5, n)[:, None] ** np.arange(2 * order + 1) for n in surface.shape[::-1])
-    moments = y.T @ known.astype(np.float64) @ x
-    heights = y.T @ np.where(known, surface, 0.0) @ x
+def _formless(surface: Floats, order: int) -> Floats:
+    """Take out the polynomial of least squares: its normal equations are sums of products of powers of x and y."""
+    x, y = (np.linspace(-0.5, 0.5, n) ** np.arange(2 * order + 1)[:, None] for n in surface.shape[::-1])
+    known, heights = moments(surface, x, y)
     terms = [(j, i) for i in range(order + 1) for j in range(order + 1 - i)]
-    normal = np.array([[moments[j + b, i + a] for b, a in terms] for j, i in terms])
+    normal = np.array([[known[j + b, i + a] for b, a in terms] for j, i in terms])
     solved = np.linalg.lstsq(normal, np.array([heights[term] for term in terms]), rcond=None)[0]
     factors = np.zeros((order + 1, order + 1))
     for term, factor in zip(terms, solved.tolist(), strict=True):
         factors[term] = factor
-    form: Floats = y[:, : order + 1] @ factors @ x[:, : order + 1].T
-    return form
-
-
-def _smooth(values: Floats, known: npt.NDArray[np.bool_], nesting_cells: float) -> Floats:
-    sigma = GAUSSIAN * nesting_cells
-    total = ndimage.gaussian_filter(np.where(known, values, 0.0), sigma, mode="constant", truncate=5)
-    weight = ndimage.gaussian_filter(known.astype(np.float64), sigma, mode="constant", truncate=5)
-    return np.where(known, total / np.where(known, weight, 1.0), np.nan)
+    return without_form(surface, factors, x[: order + 1], y[: order + 1])
 
 
 def roughness(
@@ -193,43 +184,37 @@ def height_parameters(
     z = np.asarray(height, dtype=np.float64)
     if np.isfinite(z).sum() < LEAST_CELLS:
         return dict.fromkeys(("Sa", "Sq", "Ssk", "Sku", "Sp", "Sv", "Sz"), Measurement(float("nan"), float("nan")))
-    found = _heights(_known(filtered(z, pitch_mm, filters)))
+    found = _heights(filtered(z, pitch_mm, filters))
     middle = tuple(slice(max(0, (n - DRAWN_CELLS) // 2), (n + DRAWN_CELLS) // 2) for n in z.shape)
     part = z[middle] if np.isfinite(z[middle]).sum() >= LEAST_CELLS else z
     noise = np.nan_to_num(np.asarray(sigma, dtype=np.float64)[middle] if part is not z else sigma)
     random = np.random.default_rng(0)
-    still = _heights(_known(filtered(part, pitch_mm, filters)))
+    still = _heights(filtered(part, pitch_mm, filters))
     off = []
     for _ in range(DRAWS):
-        drawn = _heights(_known(filtered(part + noise * random.normal(size=part.shape), pitch_mm, filters)))
+        drawn = _heights(filtered(part + noise * random.normal(size=part.shape), pitch_mm, filters))
         off.append([drawn[name] - still[name] for name in still])
     spread = np.sqrt(np.mean(np.square(off), axis=0))
     return {name: Measurement(value, float(each)) for (name, value), each in zip(found.items(), spread, strict=True)}
 
 
-def _known(surface: Floats) -> Floats:
-    known: Floats = surface[np.isfinite(surface)]
-    return known
-
-
-def _heights(z: Floats) -> dict[str, float]:
-    square = z * z
-    sq = float(np.sqrt(square.mean()))
+def _heights(surface: Floats) -> dict[str, float]:
+    count, sizes, squares, cubes, fourths, top, bottom = power_sums(surface)
+    sq = float(np.sqrt(squares / count))
     flat = sq <= 1e-12
     return {
-        "Sa": float(np.abs(z).mean()),
+        "Sa": sizes / count,
         "Sq": sq,
-        "Ssk": float((square * z).mean()) / sq**3 if not flat else float("nan"),
-        "Sku": float((square * square).mean()) / sq**4 if not flat else float("nan"),
-        "Sp": float(z.max()),
-        "Sv": float(-z.min()),
-        "Sz": float(z.max() - z.min()),
+        "Ssk": cubes / count / sq**3 if not flat else float("nan"),
+        "Sku": fourths / count / sq**4 if not flat else float("nan"),
+        "Sp": top,
+        "Sv": -bottom,
+        "Sz": top - bottom,
     }
 
 
 def _parameters(surface: Floats, pitch_mm: float) -> dict[str, float]:
-    z = _known(surface)
-    heights = _heights(z)
+    heights = _heights(surface)
     flat = heights["Sq"] <= 1e-12
     steep = _slope(surface, pitch_mm, 0) ** 2 + _slope(surface, pitch_mm, 1) ** 2
     steep = steep[np.isfinite(steep)]
@@ -240,7 +225,7 @@ def _parameters(surface: Floats, pitch_mm: float) -> dict[str, float]:
         "Sdr": float(np.sqrt(1 + steep).mean() - 1) if steep.size else float("nan"),
         "Sal": sal,
         "Str": sal / longest,
-        **_material_ratio(z),
+        **_material_ratio(surface[np.isfinite(surface)]),
     }
 
 

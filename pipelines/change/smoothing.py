@@ -8,6 +8,7 @@ from numba import njit
 from scipy import ndimage
 
 from ..slabs import in_slabs
+from .ranks import at_rank, median, ordered
 
 __all__ = ["local_mean", "local_median"]
 
@@ -90,32 +91,49 @@ def local_median(values: npt.NDArray[np.float32], cells: int) -> npt.NDArray[np.
     """
     block = max(1, cells // 8)
     rows, columns = (-(-n // block) for n in values.shape)
-    padded = np.full((rows * block, columns * block), np.nan, dtype=np.float32)
-    padded[: values.shape[0], : values.shape[1]] = values
-    tiles = padded.reshape(rows, block, columns, block).swapaxes(1, 2).reshape(rows, columns, -1)
-    # missing cells sort last, so the middle of those measured is at half their number
-    count = np.isfinite(tiles).sum(axis=2)
-    ordered = np.sort(tiles, axis=2)
-    middle = np.take_along_axis(ordered, np.maximum(count // 2 - (count % 2 == 0), 0)[..., None], axis=2)[..., 0]
-    everywhere = np.float32(np.nanmedian(values)) if count.any() else np.float32(0)
-    middle = np.where(count > 0, middle, everywhere)
+    middle = np.empty((rows, columns), dtype=np.float32)
+    in_slabs(rows, lambda first, last: _of_blocks(values, block, middle, first, last), least=4)
+    empty = np.isnan(middle)
+    if empty.any():
+        middle[empty] = np.nan_to_num(np.float32(median(values)))
     middle = ndimage.median_filter(middle, size=max(1, min(9, rows, columns)), mode="nearest")
-    at_row = (np.arange(values.shape[0]) + 0.5) / block - 0.5
-    at_column = (np.arange(values.shape[1]) + 0.5) / block - 0.5
-    wide: npt.NDArray[np.float32] = _bilinear(middle, np.clip(at_row, 0, rows - 1), np.clip(at_column, 0, columns - 1))
+    (above, down), (before, aside) = (_nodes(n, block, of) for n, of in zip(values.shape, middle.shape, strict=True))
+    wide = np.empty(values.shape, dtype=np.float32)
+    in_slabs(len(wide), lambda first, last: _bilinear(middle, above, down, before, aside, wide, first, last), least=256)
     return wide
 
 
-def _bilinear(
-    coarse: npt.NDArray[np.float32], at_row: npt.NDArray[np.float64], at_column: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float32]:
-    """Values between the nodes of a coarse map, on the product of two axes."""
+@njit(cache=True, nogil=True)
+def _of_blocks(values, block, middle, first, last):  # type: ignore[no-untyped-def]  # as above
+    """The lower of the two middle values of each block, where it has an even number; NaN where it has none."""
+    rows, columns = values.shape
+    keys = np.empty(block * block, np.int32)
+    for r in range(first, last):
+        for c in range(middle.shape[1]):
+            count = 0
+            for i in range(r * block, min(rows, (r + 1) * block)):
+                for j in range(c * block, min(columns, (c + 1) * block)):
+                    if abs(values[i, j]) < np.inf:
+                        keys[count] = ordered(np.float32(values[i, j]).view(np.int32))
+                        count += 1
+            middle[r, c] = np.nan
+            if count:
+                middle[r, c] = np.int32(ordered(at_rank(keys, count, (count - 1) // 2))).view(np.float32)
 
-    def along(values: npt.NDArray[np.float32], at: npt.NDArray[np.float64]) -> npt.NDArray[np.float32]:
-        low = np.minimum(at.astype(np.intp), max(0, values.shape[0] - 2))
-        high = np.minimum(low + 1, values.shape[0] - 1)
-        share = (at - low).astype(np.float32)[:, None]
-        mixed: npt.NDArray[np.float32] = values[low] * (1 - share) + values[high] * share
-        return mixed
 
-    return along(along(coarse, at_row).T, at_column).T
+def _nodes(cells: int, block: int, nodes: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.float32]]:
+    """Of each cell along an axis, the block whose middle lies before it, and how far it is on its way to the next."""
+    at = np.clip((np.arange(cells) + 0.5) / block - 0.5, 0, nodes - 1)
+    low = np.minimum(at.astype(np.intp), max(0, nodes - 2))
+    return low, (at - low).astype(np.float32)
+
+
+@njit(cache=True, nogil=True)
+def _bilinear(coarse, above, down, before, aside, out, first, last):  # type: ignore[no-untyped-def]  # as above
+    one = np.float32(1)
+    for i in range(first, last):
+        high = min(above[i] + 1, coarse.shape[0] - 1)
+        line = coarse[above[i]] * (one - down[i]) + coarse[high] * down[i]
+        for j in range(out.shape[1]):
+            after = min(before[j] + 1, coarse.shape[1] - 1)
+            out[i, j] = line[before[j]] * (one - aside[j]) + line[after] * aside[j]

@@ -9,9 +9,9 @@ import numpy.typing as npt
 from numba import njit
 
 from ..slabs import in_slabs
-from .ranks import MAD_TO_SIGMA, median, robust_sigma
+from .ranks import at_rank, median, ordered, robust_sigma
 
-__all__ = ["Plane", "fit_plane", "largest_consensus", "mean_plane"]
+__all__ = ["Plane", "every_of", "fit_plane", "largest_consensus", "mean_plane"]
 
 CLIP = 4.685  # Tukey's biweight constant
 TRIPLES = 400
@@ -67,12 +67,12 @@ def fit_plane(
     columns = [np.ones_like(z)] + ([x - centre[0], y - centre[1]] if tilt else [])
     design = np.stack(columns, axis=1)
     level = np.zeros(design.shape[1])
-    level[0] = np.median(z)
+    level[0] = median(z)
     normal = np.zeros((design.shape[1], design.shape[1]))
     residual = 0.0
     for _ in range(20):
         r = z - design @ level
-        residual = float(MAD_TO_SIGMA * np.median(np.abs(r - np.median(r))))
+        residual = robust_sigma(r)
         e = r / (CLIP * max(residual, 1e-9))
         weight = np.where(np.abs(e) < 1, (1 - e * e) ** 2, 0.0)
         normal = design.T @ (weight[:, None] * design)
@@ -111,51 +111,62 @@ def mean_plane(
         Cells that hold still, all measured.
     """
     across, along = x - plane.centre[0], y - plane.centre[1]
-    offset, a, b = (np.float32(each) for each in plane.level)
-    off = np.where(held, dz - (offset + a * across.astype(np.float32) + b * along.astype(np.float32)[:, None]), 0)
-    bound = TAIL * max(plane.residual, 1e-9)
-    above, below = int((off > bound).sum()), int((off < -bound).sum())
+    bounds = (np.float32(each * max(plane.residual, 1e-9)) for each in (TAIL, MISTAKE))
+    given = dz, held, across, along, plane.level.astype(np.float32), *bounds
+    sums = in_slabs(len(dz), lambda first, last: _plane_sums(*given, first, last), least=256)
+    above, below, n, sx, sy, sxx, sxy, syy, r, rx, ry = np.sum(sums, axis=0)
     if abs(above - below) > LOPSIDED * (above + below) + 4 * np.sqrt(above + below):
         return plane
-    use = held & (np.abs(off) < MISTAKE * max(plane.residual, 1e-9))
-    off = np.where(use, off, np.float32(0))
-    by_row, by_column = use.sum(axis=1, dtype=np.float64), use.sum(axis=0, dtype=np.float64)
-    mixed = float(along @ (use @ across))
-    normal = np.array(
-        [
-            [by_row.sum(), by_column @ across, by_row @ along],
-            [by_column @ across, by_column @ across**2, mixed],
-            [by_row @ along, mixed, by_row @ along**2],
-        ]
-    )
-    over_rows = off.sum(axis=1, dtype=np.float64)
-    right = np.array([over_rows.sum(), off.sum(axis=0, dtype=np.float64) @ across, over_rows @ along])
+    normal, right = np.array([[n, sx, sy], [sx, sxx, sxy], [sy, sxy, syy]]), np.array([r, rx, ry])
     if np.linalg.cond(normal) > 1e12:
         return plane
     return replace(plane, level=plane.level + np.linalg.solve(normal, right))
 
 
 @njit(cache=True, nogil=True)
-def _at_rank(keys, count, rank):  # type: ignore[no-untyped-def]  # numba infers the types
-    """Key of a rank (from 0) among the first `count`: by halving, 32 counts in wide registers."""
-    low, high = np.int64(-(2**31)), np.int64(2**31 - 1)
-    while low < high:
-        middle = (low + high) >> 1
-        bound = np.int32(middle)
-        below = 0
-        for k in range(count):
-            below += keys[k] <= bound
-        if below > rank:
-            high = middle
-        else:
-            low = middle + 1
-    return np.int32(low)
+def _plane_sums(  # type: ignore[no-untyped-def]  # numba infers the types from the arrays
+    dz, held, across, along, level, tail, mistake, first, last
+):
+    """How many residuals lie in either tail; the normal equations of a plane through those that are no mistakes."""
+    above = below = 0
+    n = sx = sy = sxx = sxy = syy = r = rx = ry = 0.0
+    for i in range(first, last):
+        y = along[i]
+        m = mx = mxx = s = sx_off = 0.0
+        for j in range(dz.shape[1]):
+            off = dz[i, j] - (level[0] + level[1] * np.float32(across[j]) + level[2] * np.float32(y))
+            good = held[i, j] and abs(off) < mistake
+            above += held[i, j] and off > tail
+            below += held[i, j] and off < -tail
+            w, off, x = (1.0 if good else 0.0), (np.float64(off) if good else 0.0), across[j]
+            m += w
+            mx += w * x
+            mxx += w * x * x
+            s += off
+            sx_off += off * x
+        n, sx, sxx, r, rx = n + m, sx + mx, sxx + mxx, r + s, rx + sx_off
+        sy, sxy, syy, ry = sy + m * y, sxy + mx * y, syy + m * y * y, ry + s * y
+    return float(above), float(below), n, sx, sy, sxx, sxy, syy, r, rx, ry
 
 
 @njit(cache=True, nogil=True)
-def _ordered(bits):  # type: ignore[no-untyped-def]  # as above
-    """Bits of a float32 to a whole number in the order of the floats, and back."""
-    return np.int32(bits ^ ((bits >> np.int32(31)) & np.int32(0x7FFFFFFF)))
+def _every(held, every, rows, columns):  # type: ignore[no-untyped-def]  # as above
+    ahead = kept = 0
+    for i in range(held.shape[0]):
+        for j in range(held.shape[1]):
+            if held[i, j]:
+                if ahead == 0:
+                    rows[kept], columns[kept] = i, j
+                    kept += 1
+                    ahead = every
+                ahead -= 1
+
+
+def every_of(held: npt.NDArray[np.bool_], every: int, count: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Row and column of the first and then every so-manieth of the `count` marked cells."""
+    rows, columns = np.empty((2, -(-count // every)), dtype=np.intp)
+    _every(held, every, rows, columns)
+    return rows, columns
 
 
 @njit(cache=True, nogil=True)
@@ -168,12 +179,12 @@ def _patches(dz, patch, medians, rest, first, last):  # type: ignore[no-untyped-
             for i in range(r * patch, (r + 1) * patch):
                 for j in range(c * patch, (c + 1) * patch):
                     if np.isfinite(dz[i, j]):
-                        keys[count] = _ordered(np.float32(dz[i, j]).view(np.int32))
+                        keys[count] = ordered(np.float32(dz[i, j]).view(np.int32))
                         count += 1
             if 2 * count < patch * patch:
                 continue
-            lower = np.int32(_ordered(_at_rank(keys, count, (count - 1) // 2))).view(np.float32)
-            upper = lower if count % 2 else np.int32(_ordered(_at_rank(keys, count, count // 2))).view(np.float32)
+            lower = np.int32(ordered(at_rank(keys, count, (count - 1) // 2))).view(np.float32)
+            upper = lower if count % 2 else np.int32(ordered(at_rank(keys, count, count // 2))).view(np.float32)
             medians[r, c] = (lower + upper) / np.float32(2)
             for i in range(r * patch, (r + 1) * patch):
                 for j in range(c * patch, (c + 1) * patch):

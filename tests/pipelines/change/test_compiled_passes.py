@@ -12,11 +12,12 @@ from scipy import ndimage
 from pipelines.change.bands import band_passed
 from pipelines.change.covariance import covariance_by_lag, covariance_of_sums, error_covariance
 from pipelines.change.crack_profiles import crack_profiles
-from pipelines.change.distance import inner_distance
+from pipelines.change.distance import inner_distance, nearest_outside
 from pipelines.change.extremes import greatest, least
 from pipelines.change.plate_sums import band_sums
 from pipelines.change.ranks import median, robust_sigma
-from pipelines.change.smoothing import local_mean
+from pipelines.change.roughness_kernels import gaussian_mean
+from pipelines.change.smoothing import local_mean, local_median
 from pipelines.change.squares import grown, shrunk
 from tests.pipelines.change.scans import scan_of
 
@@ -30,6 +31,15 @@ def test_distances_are_those_of_scipy(mask: np.ndarray) -> None:
         assert (inner_distance(mask) == sum(mask.shape)).all()
     else:
         np.testing.assert_array_equal(inner_distance(mask), ndimage.distance_transform_edt(mask))
+
+
+@settings(max_examples=60, deadline=None)
+@given(arrays(np.bool_, shapes))
+def test_the_nearest_cell_outside_is_that_of_scipy(mask: np.ndarray) -> None:
+    mask[0, 0] = False
+    at = ndimage.distance_transform_edt(mask, return_distances=False, return_indices=True)
+    for found, expected in zip(nearest_outside(mask), at, strict=True):
+        np.testing.assert_array_equal(found[mask], expected[mask])
 
 
 @pytest.mark.parametrize("share", [0.5, 0.99, 0.9999])
@@ -51,9 +61,13 @@ def test_extremes_are_those_of_scipy(shape: tuple[int, int], reach: int, seed: i
 def test_extremes_of_a_map_in_several_slabs_pass_over_missing_cells() -> None:
     random = np.random.default_rng(2)
     values = random.normal(size=(200, 333)).astype(np.float32)
-    values[random.random(values.shape) < 0.4] = -np.inf
+    missing = random.random(values.shape) < 0.4
+    missing[20:60, 30:80] = True
+    values[missing] = np.nan
     for cells in (3, 11, 133):
-        np.testing.assert_array_equal(greatest(values, cells), ndimage.maximum_filter(values, cells, mode="nearest"))
+        for ours, peer, none in ((greatest, ndimage.maximum_filter, -np.inf), (least, ndimage.minimum_filter, np.inf)):
+            filled = np.where(missing, np.float32(none), values)
+            np.testing.assert_array_equal(ours(values, cells), peer(filled, cells, mode="nearest"))
 
 
 def test_profiles_are_bilinear_and_end_at_the_border() -> None:
@@ -141,6 +155,38 @@ def test_local_means_are_those_of_scipy(cells: int) -> None:
     total = ndimage.uniform_filter(np.where(good, values, 0.0), cells, mode="constant") * cells**2
     expected = np.where(count >= 0.25 * cells**2, total / np.maximum(count, 1), np.nan)
     np.testing.assert_allclose(local_mean(values, cells, use=use), expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("cells", [5, 60])
+def test_wide_medians_are_those_of_blocks(cells: int) -> None:
+    random = np.random.default_rng(cells)
+    values = random.normal(size=(331, 200)).astype(np.float32)
+    values[random.random(values.shape) < 0.2] = np.nan
+    values[70:84, 56:70] = np.nan
+    block = max(1, cells // 8)
+    rows, columns = (-(-n // block) for n in values.shape)
+    of_blocks = np.empty((rows, columns), dtype=np.float32)
+    for r, c in np.ndindex(rows, columns):
+        known = values[r * block : (r + 1) * block, c * block : (c + 1) * block].ravel()
+        known = np.sort(known[np.isfinite(known)])
+        of_blocks[r, c] = known[(known.size - 1) // 2] if known.size else np.nanmedian(values)
+    of_blocks = ndimage.median_filter(of_blocks, 9, mode="nearest")
+    at = np.meshgrid(*((np.arange(n) + 0.5) / block - 0.5 for n in values.shape), indexing="ij")
+    expected = ndimage.map_coordinates(of_blocks, at, order=1, mode="nearest")
+    np.testing.assert_allclose(local_median(values, cells), expected, atol=1e-6)
+
+
+def test_a_gaussian_mean_is_that_of_scipy() -> None:
+    random = np.random.default_rng(9)
+    values = random.normal(size=(150, 70))
+    values[random.random(values.shape) < 0.3] = np.nan
+    known = np.isfinite(values)
+    for sigma in (0.56, 3.3):
+        total, weight = (
+            ndimage.gaussian_filter(each, sigma, mode="constant", truncate=5)
+            for each in (np.where(known, values, 0.0), known.astype(np.float64))
+        )
+        np.testing.assert_allclose(gaussian_mean(values, sigma), np.where(known, total / weight, np.nan), rtol=1e-9)
 
 
 def test_bands_are_those_of_scipy() -> None:
