@@ -126,7 +126,8 @@ class IcechunkStore:
         past: Callable[[Any, Location], str] | None = None,
     ) -> IcechunkStore:
         """Open a store; a writer takes the lock, and adds `metrics` that are not there yet; `past` picks a snapshot."""
-        location.check()  # says what is wrong with the place before a lock is made in it
+        if write:
+            location.check()  # says what is wrong with the place before a lock is made in it
         lock = location.lock() if write else None
         try:
             store = IcechunkStore(location, lock, past)

@@ -57,8 +57,8 @@ def bytes_by_kind(folder: Path) -> Counter[str]:
     return found
 
 
-def appended(folder: Path, scans: int, look_at: list[int], tell: Tell = silent) -> dict[int, dict[str, float]]:
-    """Append `scans` scans, each for real; tell what the `AROUND` commits before some numbers of scans cost.
+def appended(folder: Path, scans: int, tell: Tell = silent) -> dict[int, dict[str, float]]:
+    """Append `scans` scans, each for real; tell what the first `AROUND` commits cost, the second, fourth and so on.
 
     Returns
     -------
@@ -66,6 +66,7 @@ def appended(folder: Path, scans: int, look_at: list[int], tell: Tell = silent) 
         By number of scans: kB of a commit by kind of file, their ``sum``, in blocks ``on disk``, and its ``CPU ms``
         (median); opening the store and reading its last scan, ``open CPU ms``.
     """
+    look_at = {scans, *(AROUND * 2**power for power in range(20) if AROUND * 2**power <= scans - AROUND)}
     rng, base = np.random.default_rng(1), relief(GRID)
     store = create_store(folder, site="bench", grid=GRID, metrics=METRICS)
     before = bytes_by_kind(folder)
@@ -199,9 +200,8 @@ def memory(commits: int, tell: Tell = silent) -> list[float]:
 def main(scans: int = 10_000) -> None:
     """Print what commits cost on the way to `scans` scans."""
     print(f"store: {scans} scans of {GRID.rows} x {GRID.columns} cells, change and 7 metrics, each its own commit")
-    marks = [AROUND, *range(1000, scans, 1000), scans]
     with scratch() as folder:
-        appended(folder / "s", scans, marks, tell=lambda line: print(line, flush=True))
+        appended(folder / "s", scans, tell=lambda line: print(line, flush=True))
 
 
 if __name__ == "__main__":
