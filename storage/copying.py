@@ -14,8 +14,7 @@ from configs import StoreError
 from .folder import Folder
 from .icechunk_store import IcechunkStore
 from .layout import (
-    CELLS_OF_CHANGE,
-    CELLS_OF_SCAN,
+    FRAMES,
     NOISE,
     grid_of,
     lay_out,
@@ -26,7 +25,7 @@ from .layout import (
 from .ledger import Ledger, ledger_beside
 from .location import BRANCH, Location, location_of
 from .packing import Packing
-from .raw_frames import FRAMES, LET_GO, lay_out_frames
+from .raw_frames import LET_GO, lay_out_frames
 from .repository import create_repository, open_repository, reason, root_of, short
 from .stores import open_store
 from .wholeness import faults
@@ -105,7 +104,7 @@ def _copy_newest(reader: IcechunkStore, target: Location, progress: Progress) ->
     """Write on a branch, which becomes the store at the end: what was left half done is no store."""
     old, about = root_of(reader.session), reader.about
     grid = grid_of(old.attrs)
-    repository = create_repository(target, split_sizes(grid), (*CELLS_OF_SCAN, *CELLS_OF_CHANGE, *FRAMES))
+    repository = create_repository(target, split_sizes(grid))
     empty = repository.lookup_branch(BRANCH)
     if MAKING in repository.list_branches():
         repository.delete_branch(MAKING)

@@ -14,8 +14,6 @@ from pipelines import Calibration, Event, Frames, Grid, Instant, Tick, format_in
 
 from .allocator import give_back
 from .layout import (
-    CELLS_OF_CHANGE,
-    CELLS_OF_SCAN,
     SCHEMA,
     add_metric,
     grid_of,
@@ -28,7 +26,7 @@ from .layout import (
 from .location import BRANCH, Location, Lock
 from .order import Place, Tail, described, place_all
 from .packing import Packing
-from .raw_frames import FRAMES, read_frames
+from .raw_frames import read_frames
 from .records import (
     read_change,
     read_events,
@@ -102,7 +100,7 @@ class IcechunkStore:
         import zarr
 
         def fill(making: Location) -> None:
-            repository = create_repository(making, split_sizes(grid), (*CELLS_OF_SCAN, *CELLS_OF_CHANGE, *FRAMES))
+            repository = create_repository(making, split_sizes(grid))
             session = repository.writable_session(BRANCH)
             attributes = root_attributes(site, grid, campaign, campaign_hash, software, format_instant(created))
             lay_out(zarr.create_group(session.store, attributes=attributes), grid, packing, metrics)
@@ -128,7 +126,8 @@ class IcechunkStore:
         past: Callable[[Any, Location], str] | None = None,
     ) -> IcechunkStore:
         """Open a store; a writer takes the lock, and adds `metrics` that are not there yet; `past` picks a snapshot."""
-        location.check()  # says what is wrong with the place before a lock is made in it
+        if write:
+            location.check()  # says what is wrong with the place before a lock is made in it
         lock = location.lock() if write else None
         try:
             store = IcechunkStore(location, lock, past)

@@ -34,6 +34,7 @@ __all__ = [
     "CELLS_OF_CHANGE",
     "CELLS_OF_SCAN",
     "FOLD",
+    "FRAMES",
     "MOTION_TERMS",
     "NOISE",
     "NO_TIME",
@@ -53,6 +54,15 @@ __all__ = [
 
 SCHEMA = 2
 TABLE_CHUNK = 128
+MOTION_CHUNK = 16
+"""Scans per chunk of motions, 21 numbers each: a commit rewrites 1.4 kB of them, of a table's chunk it would be 11."""
+
+TINY_CELLS = 1500
+"""Up to so many cells compress to less than `repository.INLINE_BYTES`."""
+
+FRAMES = ("frames", "differences")
+"""Names of the arrays that hold captured pixels, for 16 and for 8 bits."""
+
 CELL_CHUNK = 1024
 """Longest side of a chunk of cells: a scan of 1440 x 2560 is read a third faster from 6 chunks than from 15, and 36
 files a tick are synced instead of 90; who reads one place through time decodes twice as many cells."""
@@ -109,16 +119,28 @@ def grid_of(attributes: Mapping[str, Any]) -> Grid:
     return Grid(**attributes["grid"])
 
 
-def split_sizes(grid: Grid) -> tuple[int, int]:
-    """Chunks along time in one manifest, for cells and for tables.
+def split_sizes(grid: Grid) -> dict[str, dict[str, int]]:
+    """Chunks in one manifest along a dimension, by a pattern of the array's name; the first that matches holds.
 
-    Every commit rewrites the newest manifest of each array and the list of all manifests. Their sum over n scans is
-    least where a manifest covers sqrt(2 n e / b) of them: e = 26 bytes in the list, b = 24 for each chunk and 8 for a
-    table's number; with n = 10,000 some 150 / sqrt(chunks) and 250. At most 64, because chunks that compress well
-    (`level`) lie in the manifest itself.
+    Every commit rewrites the newest manifest of each array, and in the snapshot a list of all manifests, 25 bytes for
+    each (Icechunk's format 1): the more a manifest holds, the less a commit grows with the scans that there are. What
+    fills no more than a block of the disk, 4 kB, costs no room. So: of cells, whose chunks are files, 23 bytes for each
+    chunk; of tables, whose chunks lie in the manifest, up to 870 bytes for numbers, 640 for times, some 100 for what
+    rarely changes; of tiny grids' cells and of `level`, which compresses well, a chunk's bytes.
     """
     chunks = -(-grid.rows // CELL_CHUNK) * -(-grid.columns // CELL_CHUNK)
-    return (64 if chunks <= 8 else 32), 256 // TABLE_CHUNK
+    tiny = grid.rows * grid.columns <= TINY_CELLS
+    of_cells = 32 if tiny or chunks > 8 else 64 if chunks > 1 else 128
+    cells = "|".join((*CELLS_OF_SCAN, *CELLS_OF_CHANGE))
+    rarely = "scan|epoch|baseline|calibration|alarms|baseline_time|verdict|reason"
+    return {
+        "^level$": {"time": min(of_cells, 64)},
+        f"^({cells})$": {"time": of_cells, "folded": 64},
+        f"^({'|'.join(FRAMES)})$": {"time": 64},
+        "^motion$": {"time": 2048 // MOTION_CHUNK},
+        f"^({rarely})$": {"time": 2048 // TABLE_CHUNK},
+        "": {"time": 512 // TABLE_CHUNK, "event": 512 // TABLE_CHUNK, "tail": 8, "calibration": 8},
+    }
 
 
 def _chunk(rows: int, columns: int) -> tuple[int, int]:
@@ -156,7 +178,7 @@ def lay_out(root: Any, grid: Grid, packing: Packing, metrics: Mapping[str, str])
     change.create_array(
         "motion",
         shape=(0, len(MOTION_TERMS)),
-        chunks=(TABLE_CHUNK, len(MOTION_TERMS)),
+        chunks=(MOTION_CHUNK, len(MOTION_TERMS)),
         dtype="float64",
         fill_value=np.nan,
         compressors=codecs(),

@@ -1,7 +1,7 @@
 """The objects of a bucket: what is asked of S3 beside what Icechunk asks, and with whose credentials.
 
-Credentials, region and endpoint are boto3's to find (environment, profile, role of the machine) and are in no file of
-ours; Icechunk gets the same ones, asked for when they are needed.
+Credentials, region and endpoint are botocore's to find (environment, profile, role of the machine) and are in no file
+of ours; Icechunk gets the same ones, asked for when they are needed.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from email.utils import parsedate_to_datetime
+from functools import cache
 from secrets import token_hex
 from typing import Any
 from urllib.parse import urlsplit
@@ -75,13 +76,13 @@ class Objects:
             request_checksum_calculation="when_required",
             response_checksum_validation="when_required",
         )
-        self._region = os.environ.get("AWS_REGION") or session.region_name
-        client = session.client("s3", region_name=self._region or "us-east-1", config=config)
+        self._region = os.environ.get("AWS_REGION") or session.get_config_variable("region")
+        client = session.create_client("s3", region_name=self._region or "us-east-1", config=config)
         endpoint = client.meta.endpoint_url
         self._endpoint = None if (urlsplit(endpoint).hostname or "").endswith("amazonaws.com") else endpoint
         if self._endpoint is not None:
             style = Config(s3={"addressing_style": "path"})
-            client = session.client("s3", region_name=self._region or "us-east-1", config=config.merge(style))
+            client = session.create_client("s3", region_name=self._region or "us-east-1", config=config.merge(style))
         self._client = client
 
     def storage(self, prefix: str) -> Any:
@@ -214,16 +215,27 @@ class Objects:
 
 
 def _session() -> Any:
+    """Give a session of botocore, which finds the credentials anew."""
     try:
-        import boto3
+        from botocore import session as sessions
     except ImportError:
-        raise StoreError("stores on S3 need boto3: `pip install 'microrelief[s3]'`") from None
+        raise StoreError("stores on S3 need botocore: `pip install 'microrelief[s3]'`") from None
     from botocore.exceptions import BotoCoreError
 
+    session = sessions.get_session()
     try:
-        return boto3.session.Session()
+        session.register_component("data_loader", _loader(session.get_config_variable("data_path")))
     except BotoCoreError as error:  # a profile that is not there
         raise StoreError(f"credentials for S3: {str(error).splitlines()[0]}: check AWS_PROFILE") from None
+    return session
+
+
+@cache
+def _loader(data_path: str | None) -> Any:
+    """Read botocore's description of S3 once: to read it for every session took most of the time of opening a store."""
+    from botocore.loaders import create_loader
+
+    return create_loader(data_path)
 
 
 def _code(error: Any) -> str:

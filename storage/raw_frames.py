@@ -15,10 +15,7 @@ from pipelines import Frames, Instant, PatternSet
 from .layout import NO_TIME, TIME, codecs, table_of
 from .rows import Rows, delete_below, row
 
-__all__ = ["FRAMES", "LET_GO", "lay_out_frames", "let_go", "read_frames", "rows_of_frames"]
-
-FRAMES = ("frames", "differences")
-"""Names of the arrays that hold pixels, for 16 and for 8 bits."""
+__all__ = ["LET_GO", "lay_out_frames", "let_go", "read_frames", "rows_of_frames"]
 
 CHUNK_BYTES = 16 * 2**20
 """Several whole frames to a chunk: a chunk each would be 42 files a scan."""
@@ -85,7 +82,7 @@ def let_go(root: Any, before: Instant) -> None:
 def lay_out_frames(
     raw: Any, kind: str, name: str, shape: tuple[int, ...], dtype: npt.DTypeLike, patterns: dict[str, Any]
 ) -> Any:
-    """Make the arrays of one kind of capture, empty; `name` is one of `FRAMES`, `shape` (frame, row, column)."""
+    """Make the arrays of one kind of capture, empty; `name` is one of `layout.FRAMES`, `shape` (frame, row, column)."""
     from zarr.codecs import BloscCodec
 
     group = raw.create_group(kind, attributes={"patterns": patterns, LET_GO: 0})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Literal
 
 from configs import StoreError
@@ -22,8 +22,9 @@ __all__ = [
     "unfinished",
 ]
 
-INLINE_BYTES = 1100
-"""A table's newest chunk (128 numbers) lies in the manifest that every commit rewrites anyway: half the files."""
+INLINE_BYTES = 1000
+"""A table's newest chunk (up to 128 numbers) lies in the manifest that every commit rewrites anyway: half the files. A
+full one of numbers that do not compress is a little larger: it leaves the manifest, which so stays small."""
 
 CACHED_NODES, CACHED_CHUNKS = 1000, 20_000
 """Groups and arrays of snapshots, and chunks of manifests, that Icechunk keeps in memory: of a dozen snapshots, and of
@@ -41,8 +42,8 @@ def _quiet() -> None:
         icechunk.set_logs_filter("off")
 
 
-def create_repository(location: Location, splits: tuple[int, int], cells: tuple[str, ...]) -> Any:
-    """Make an empty repository, format 1, whose manifests hold `splits` chunks along time: of `cells`, of the rest.
+def create_repository(location: Location, splits: Mapping[str, Mapping[str, int]]) -> Any:
+    """Make an empty repository, format 1, with manifests split as `layout.split_sizes` says.
 
     An empty one that is there (in a bucket a killed process may have left it) is taken.
     """
@@ -50,9 +51,10 @@ def create_repository(location: Location, splits: tuple[int, int], cells: tuple[
 
     _quiet()
     condition, along = icechunk.ManifestSplitCondition, icechunk.ManifestSplitDimCondition
-    of_cells, of_tables = splits
-    sizes = {condition.name_matches(f"^({'|'.join(cells)})$"): {along.DimensionName("time"): of_cells}}
-    sizes[condition.AnyArray()] = {along.Any(): of_tables}
+    sizes = {
+        condition.name_matches(names): {along.DimensionName(f"^{name}$"): size for name, size in by_dimension.items()}
+        for names, by_dimension in splits.items()
+    }
     config = icechunk.RepositoryConfig.default()
     config.inline_chunk_threshold_bytes = INLINE_BYTES
     config.manifest = icechunk.ManifestConfig(

@@ -112,31 +112,31 @@ def test_series(store: Store) -> None:
     assert series.index.name == "time"
 
 
-@pytest.mark.parametrize(
-    ("first", "last", "expected"),
-    [
-        (None, None, [0, 1, 2, 3]),
-        (at(1), None, [1, 2, 3]),
-        (None, at(2), [0, 1]),
-        (surface(1).time, surface(2).time, [1, 2]),
-        (at(9), None, []),
-    ],
+WINDOWS: tuple[tuple[Instant | None, Instant | None, list[int]], ...] = (
+    (None, None, [0, 1, 2, 3]),
+    (at(1), None, [1, 2, 3]),
+    (None, at(2), [0, 1]),
+    (surface(1).time, surface(2).time, [1, 2]),
+    (at(9), None, []),
 )
-def test_window(store: Store, first: Instant | None, last: Instant | None, expected: list[int]) -> None:
+
+
+def test_window(store: Store) -> None:
     for number in range(4):
         store.append(tick(number))
-    window = store.window(first, last)
-    assert list(window["scan"].values) == expected
-    assert dict(window.sizes) == {"time": len(expected), "y": GRID.rows, "x": GRID.columns}
-    names = {"height", "sigma", "texture", "level", "dz", "lod", "scan", "epoch", "planned", "calibration"}
-    assert set(window.data_vars) == names
-    assert window["x"].attrs["units"] == window["y"].attrs["units"] == "mm"
-    np.testing.assert_allclose(window["x"], GRID.x_mm)
-    assert window["time"].dtype == np.dtype("datetime64[ns]")
-    if expected:
-        np.testing.assert_allclose(window["height"][-1], surface(expected[-1]).height, rtol=0, atol=0.000251)
-        assert window["planned"].values[-1] == at(expected[-1])
-        assert str(window["calibration"].values[-1]) == "first"
+    for first, last, expected in WINDOWS:
+        window = store.window(first, last)
+        assert list(window["scan"].values) == expected
+        assert dict(window.sizes) == {"time": len(expected), "y": GRID.rows, "x": GRID.columns}
+        names = {"height", "sigma", "texture", "level", "dz", "lod", "scan", "epoch", "planned", "calibration"}
+        assert set(window.data_vars) == names
+        assert window["x"].attrs["units"] == window["y"].attrs["units"] == "mm"
+        np.testing.assert_allclose(window["x"], GRID.x_mm)
+        assert window["time"].dtype == np.dtype("datetime64[ns]")
+        if expected:
+            np.testing.assert_allclose(window["height"][-1], surface(expected[-1]).height, rtol=0, atol=0.000251)
+            assert window["planned"].values[-1] == at(expected[-1])
+            assert str(window["calibration"].values[-1]) == "first"
 
 
 def test_a_failed_visit_leaves_only_its_events(store: Store) -> None:
@@ -191,25 +191,22 @@ def _twisted(what: str) -> Tick:
     }[what]
 
 
-@pytest.mark.parametrize(
-    "message",
-    [
+def test_refuses_what_does_not_fit_and_stays_as_it_was(store: Store) -> None:
+    store.append(tick(0))
+    before = store.about.snapshot
+    for message in (
         "another grid",
         "not newer",
         "not one of this store's",
         "but the baseline of epoch 0 is scan 0",
         "17 mm does not fit",
         "inf mm does not fit",
-    ],
-)
-def test_refuses_what_does_not_fit_and_stays_as_it_was(store: Store, message: str) -> None:
-    store.append(tick(0))
-    before = store.about.snapshot
-    with pytest.raises(StoreError, match=message) as caught:
-        store.append(_twisted(message))
-    assert "\n" not in str(caught.value)
-    assert isinstance(caught.value, MicroreliefError)
-    assert (len(store), store.about.snapshot) == (1, before)
+    ):
+        with pytest.raises(StoreError, match=message) as caught:
+            store.append(_twisted(message))
+        assert "\n" not in str(caught.value)
+        assert isinstance(caught.value, MicroreliefError)
+        assert (len(store), store.about.snapshot) == (1, before)
     assert store.append(tick(1)) == 1
 
 

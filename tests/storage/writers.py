@@ -24,7 +24,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 NURSERY = """
 import json, os, sys, time, traceback
-import boto3, icechunk, xarray, zarr  # once, before the writers part
+import botocore.session, icechunk, xarray, zarr  # once, before the writers part
 import storage.bucket, storage.icechunk_store
 from storage import open_store
 from tests.storage.ticks import tick
