@@ -284,6 +284,8 @@ def judged(
     elif verdict == "doubtful":
         held = "; no alarm is judged by it" if alarms else ""
         events = (Event(scan.time, "note", f"registration doubtful: {reason}{held}"), *events)
+    elif reason:
+        events = (Event(scan.time, "note", reason), *events)
     states = states_of(alarms, watches)
     tick = Tick(planned, scan, change, metrics, states, (*events, *notes))
     return Yield(tick, "rejected" if cause else "taken", cause, watches)

@@ -39,6 +39,8 @@ def between(findings: Findings) -> Section:
     if change.motion.verdict != "good":
         reason = f": {change.motion.reason}" if change.motion.reason else ""
         text.append(f"How the two lie on each other is {change.motion.verdict}{reason}; the numbers may mislead.")
+    elif change.motion.reason:
+        text.append(f"For the later scan {change.motion.reason}.")
     if findings.region is not None:
         text.append(f"Only the region {findings.region} counts.")
     text.append("Behind ± stands one standard uncertainty: two in three true values lie within it.")

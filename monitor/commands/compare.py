@@ -232,10 +232,12 @@ def _dod(one: Scan, two: Scan, change: ch.Change) -> dict[str, Any]:
 def _about_motion(motion: Motion) -> str:
     x, y, z = motion.shift_mm
     tilt = np.rad2deg(np.hypot(motion.matrix[2, 0], motion.matrix[2, 1]))
-    doubt = f"; doubtful: {motion.reason}" if motion.verdict == "doubtful" else ""
+    turn = np.rad2deg(np.arctan2(motion.matrix[1, 0], motion.matrix[0, 0]))
+    doubt = f"; {'doubtful: ' if motion.verdict == 'doubtful' else ''}{motion.reason}" if motion.reason else ""
     return (
-        f"registered: AFTER moved by {x:+.6g}, {y:+.6g}, {z:+.6g} mm and tilted by {tilt:.3g} deg, residual "
-        f"{motion.residual_mm:.3g} mm, +-{motion.sigma_xy_mm:.2g} mm sideways, +-{motion.sigma_z_mm:.2g} mm up{doubt}"
+        f"registered: AFTER moved by {x:+.6g}, {y:+.6g}, {z:+.6g} mm, tilted by {tilt:.3g} and turned by {turn:.3g} "
+        f"deg, residual {motion.residual_mm:.3g} mm, +-{motion.sigma_xy_mm:.2g} mm sideways, "
+        f"+-{motion.sigma_z_mm:.2g} mm up{doubt}"
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache, partial
 
 import numpy as np
@@ -14,6 +14,7 @@ from ..scan import Scan
 from ..slabs import in_slabs, side_by_side
 from .bands import FINE_CELLS, band_passed
 from .ranks import robust_sigma
+from .turn import CLIP, Turn, turn_left
 
 __all__ = [
     "SAMPLED",
@@ -52,6 +53,8 @@ class Drift:
     conditioning: float
     ambiguous: bool = False
     """Another shift explains nearly as much: a part of the surface moved, or the pattern repeats."""
+    turn: Turn = field(default_factory=Turn)
+    """What the scan is turned besides."""
 
 
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
@@ -86,8 +89,7 @@ def _normal_equations(  # type: ignore[no-untyped-def]  # numba infers the types
             )
             d = m - ref[i, j]
             residuals[i, j] = d
-            # Tukey's biweight: 95 % efficient for normal residuals, blind to gross ones
-            e = d / (4.685 * scale)
+            e = d / (CLIP * scale)
             w = (1 - e * e) ** 2 if abs(e) < 1.0 else 0.0
             d = d if abs(e) < 1.0 else 0.0
             axx += w * gx[i, j] * gx[i, j]
@@ -207,7 +209,8 @@ def lateral_drift(scan: Scan, baseline: Scan, use: npt.NDArray[np.bool_], reach_
     best = found[max(same, key=lambda k: float(support[k]))]
     ambiguous = max(np.hypot(one.u - best.u, one.v - best.v) for one in good) > 1.0
     pitch = grid.pitch_mm
-    return Drift(best.u * pitch, best.v * pitch, best.sigma * pitch, best.conditioning, bool(ambiguous))
+    turn = turn_left(patterns, [_spread(residuals) for residuals in best.residuals], best.u, best.v)
+    return Drift(best.u * pitch, best.v * pitch, best.sigma * pitch, best.conditioning, bool(ambiguous), turn)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

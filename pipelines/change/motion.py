@@ -34,7 +34,7 @@ class Motion:
         Standard uncertainty of the lateral offset; NaN where it was not estimated.
     verdict : {"good", "doubtful", "failed"}
     reason : str
-        Why the verdict is not good; empty where it is.
+        Why the verdict is not good, and that the sample was put back and found again; empty where neither is so.
     covariance : ndarray of float64, shape (6, 6), optional
         Of shifts along x, y, z (mm) and turns about them (rad) at the middle of the stable cells; None where the motion
         was not found by `register`, or was read back from a store.

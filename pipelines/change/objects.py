@@ -26,6 +26,10 @@ BESIDE_MM = 0.1
 """An object is expected in the part that is no farther from its place."""
 SHARED_ERROR_CELLS = 9.0
 """Neighbouring cells that share each error of a height (as for volumes)."""
+BODY = 0.25
+"""What rises above this share of an object's height tells where its middle is."""
+SWEEPS = 60
+"""So many rounds fill what a steep side hides, some ten cells wide."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +71,8 @@ class StandingObject:
     label : int
         Its number in the labels.
     x_mm, y_mm : float
-        Middle of its footprint, site frame.
+        Its middle, site frame: the centre of mass of what rises above a quarter of its height. Farther down noise,
+        shadow, and what was since eaten of the ground beside it decide where the rim is.
     z_mm : float
         Height of its top.
     height_mm : float
@@ -213,7 +218,7 @@ def _dropped(labels, keep, first, last):  # type: ignore[no-untyped-def]  # as a
 
 @njit(cache=True, nogil=True)
 def _moments(part):  # type: ignore[no-untyped-def]  # as above
-    """Middle row and column of the marked cells, and their variances and covariance: columns, both, rows."""
+    """Variances and covariance of the marked cells' columns and rows: columns, both, rows."""
     n = r = c = cc = rc = rr = 0
     for i in range(part.shape[0]):
         for j in range(part.shape[1]):
@@ -225,7 +230,38 @@ def _moments(part):  # type: ignore[no-untyped-def]  # as above
                 rc += i * j
                 rr += i * i
     row, column = r / n, c / n
-    return row, column, cc / n - column * column, rc / n - row * column, rr / n - row * row
+    return cc / n - column * column, rc / n - row * column, rr / n - row * row
+
+
+@njit(cache=True, nogil=True)
+def _middle(rise, part, least):  # type: ignore[no-untyped-def]  # as above
+    """Mean row and column of the marked cells, each as heavy as it rises above `least`.
+
+    Cells not measured are bridged from those around (Laplace's equation, by relaxation): without them, a side in shadow
+    weighs nothing.
+    """
+    rows, columns = part.shape
+    z = np.empty((rows, columns))
+    hidden = 0
+    for i in range(rows):
+        for j in range(columns):
+            known = np.isfinite(rise[i, j])
+            z[i, j] = rise[i, j] if known else 0.0
+            hidden += part[i, j] and not known
+    for _ in range(SWEEPS if hidden else 0):
+        for i in range(1, rows - 1):
+            for j in range(1, columns - 1):
+                if not np.isfinite(rise[i, j]):
+                    z[i, j] = (z[i - 1, j] + z[i + 1, j] + z[i, j - 1] + z[i, j + 1]) / 4
+    weight = row = column = 0.0
+    for i in range(rows):
+        for j in range(columns):
+            w = z[i, j] - least
+            if part[i, j] and w > 0:
+                weight += w
+                row += w * i
+                column += w * j
+    return row / weight, column / weight
 
 
 def _measured(
@@ -270,7 +306,8 @@ def _measured(
             )
         ),
     )
-    row, column, *moments = _moments(part)
+    moments = _moments(part)
+    row, column = _middle(rise[wider], mine, BODY * height)
     cell = grid.cell_mm2
     xx, xy, yy = (each * cell for each in moments)
     xx, yy = xx + cell / 12, yy + cell / 12
@@ -279,8 +316,8 @@ def _measured(
     top = scan.height[box][part]
     return StandingObject(
         label=number,
-        x_mm=grid.x0_mm + (column + box[1].start) * grid.pitch_mm,
-        y_mm=grid.y0_mm + (row + box[0].start) * grid.pitch_mm,
+        x_mm=grid.x0_mm + (column + wider[1].start) * grid.pitch_mm,
+        y_mm=grid.y0_mm + (row + wider[0].start) * grid.pitch_mm,
         z_mm=float(np.nanquantile(top, 0.99)),
         height_mm=height,
         area_mm2=Measurement(area, raster),

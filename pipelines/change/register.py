@@ -12,10 +12,14 @@ from .drift import Drift, lateral_drift
 from .follow import followed_drift
 from .motion import Motion, Verdict
 from .move import apply_motion
+from .put_back import place_put_back, stands_out
 from .ranks import median
-from .stable import Plane, every_of, fit_plane, largest_consensus, mean_plane
+from .stable import Plane, every_of, fit_plane, largest_consensus, levelling, mean_plane
 
 __all__ = ["LEAST_CELLS", "find_motion", "register"]
+
+Mask = npt.NDArray[np.bool_]
+Matrix = npt.NDArray[np.float64]
 
 LEAST_OVERLAP = 0.3
 LEAST_CELLS = 50
@@ -30,17 +34,27 @@ MOST_CELLS = 40_000
 """More cells than this do not make the plane better: the correlated error stays."""
 THIN = 4
 """A scan that follows another is levelled on every fourth cell each way: those between share their errors."""
+TURNS = 5
+"""A turn is found in so many rounds at most; of small ones the first is right to a hundredth."""
+TURNED_SIGMAS = 5.0
+"""A turn counts if it is so many of its standard uncertainties."""
+TURNED_CELLS = 1.0
+"""One that moves the corners of the map by more cells is taken out before the shift is sought once more."""
+REACH = 0.1
+"""No drift is sought beyond this share of the shorter side."""
+PUT_BACK_DEG = 0.5
+"""No rig drifts by such a turn or tilt."""
 LEAST_FOLLOWED = 160_000
 """Fewer cells are registered in full: that takes no longer, and a sixteenth of them would be too few."""
 
 
-def register(
-    scan: Scan, baseline: Scan, stable: npt.NDArray[np.bool_] | None = None, near: Motion | None = None
-) -> Motion:
+def register(scan: Scan, baseline: Scan, stable: Mask | None = None, near: Motion | None = None) -> Motion:
     """Find the rigid motion that takes a scan onto its baseline.
 
-    Height and tilt come from a robust plane through the difference on the stable areas alone, lateral drift from
-    band-passed relief and texture with robust weights. Rotation about the vertical is not estimated.
+    Height and tilt come from a robust plane through the difference on the stable areas alone, lateral drift and the
+    turn about the vertical from band-passed relief and texture with robust weights. Where no drift makes the scan look
+    like its baseline, it is sought as a sample that was put back by hand: anywhere, at any turn, somewhat tilted.
+    Then `reason` tells how far away it lay, whatever the verdict.
 
     Parameters
     ----------
@@ -69,9 +83,7 @@ def register(
     return find_motion(scan, baseline, stable, near)[0]
 
 
-def find_motion(
-    scan: Scan, baseline: Scan, stable: npt.NDArray[np.bool_] | None, near: Motion | None = None
-) -> tuple[Motion, npt.NDArray[np.bool_]]:
+def find_motion(scan: Scan, baseline: Scan, stable: Mask | None, near: Motion | None = None) -> tuple[Motion, Mask]:
     """`register`, and the cells that were held to be stable."""
     if scan.grid != baseline.grid:
         raise ValueError(f"scan and baseline lie on different grids: {scan.grid} and {baseline.grid}")
@@ -80,39 +92,85 @@ def find_motion(
     ground = np.isfinite(baseline.height)
     if stable is not None:
         ground &= stable
-    count = int(np.count_nonzero(ground))
-    overlap = int(np.count_nonzero(ground & np.isfinite(scan.height))) / max(1, count)
-    nowhere = np.zeros(baseline.grid.shape, dtype=np.bool_)
-    if stable is not None and count < LEAST_CELLS:
+    if stable is not None and np.count_nonzero(ground) < LEAST_CELLS:
         told = f"the stable areas hold fewer than {LEAST_CELLS} measured cells of the baseline"
-        return _failed(overlap, told), nowhere
+        return _failed(0.0, told), np.zeros_like(ground)
+    lay = np.eye(4)
+    if near is not None and near.verdict != "failed":
+        # of a sample that was put back only where it lies now is near; a drift is sought on the grid
+        lay, near = (near.matrix, Motion.none()) if _lies_apart(near.matrix, baseline.grid) else (lay, near)
+        followed = _followed(scan, baseline, ground, stable is None, near, lay)
+        if followed is not None:
+            return followed
+    found = _placed(scan, baseline, ground, stable is None, lay)
+    if found[0].verdict == "good":
+        return found
+    there = found[0].verdict == "doubtful" and stands_out(scan, baseline, found[0].matrix)
+    if there and near is not None:
+        return found  # in a video it would be looked at closely each time
+    start = place_put_back(scan, baseline, found[0].matrix if there else None)
+    if start is not None:
+        # a tilt moves what is high sideways: the second time there is none left
+        first, _ = _placed(scan, baseline, ground, stable is None, start)
+        again = _placed(scan, baseline, ground, stable is None, first.matrix)
+        better = again[0].residual_mm < found[0].residual_mm if there else stands_out(scan, baseline, again[0].matrix)
+        if again[0].verdict != "failed" and better:
+            return again
+    if there is False and found[0].covariance is None and found[0].verdict == "doubtful":
+        return _failed(found[0].overlap, "nothing of the baseline is found again, where it lay or elsewhere"), found[1]
+    return found
+
+
+def _followed(
+    scan: Scan, baseline: Scan, ground: Mask, sought: bool, near: Motion, lay: Matrix
+) -> tuple[Motion, Mask] | None:
+    """The motion that is proven to go on from a scan shortly before, and the cells held still; None where it is not."""
+    if np.count_nonzero(ground) < LEAST_FOLLOWED:
+        return None
+    laid = _laid(scan, lay, baseline.grid)
+    overlap = _overlap(laid, ground)
     if overlap < LEAST_OVERLAP:
-        return _failed(overlap, f"only {overlap:.0%} of the stable cells were measured again"), nowhere
-    drift = None
-    if near is not None and near.verdict != "failed" and count >= LEAST_FOLLOWED:
-        drift = followed_drift(scan, baseline, ground, near)
-    if drift is not None:
-        thin = _thinned(baseline)
-        motion, held = _levelled(scan, thin, ground[::THIN, ::THIN], stable is None, drift, overlap)
-        if motion.verdict == "good":
-            return motion, ground if stable is not None else ground & _widened(held, ground.shape)
-    else:
-        drift = lateral_drift(scan, baseline, ground)
-    return _levelled(scan, baseline, ground, stable is None, drift, overlap)
+        return None
+    drift = followed_drift(laid, baseline, ground, near)
+    if drift is None:
+        return None
+    motion, held = _levelled(scan, _thinned(baseline), ground[::THIN, ::THIN], sought, drift, overlap, lay)
+    if motion.verdict != "good":
+        return None
+    return motion, ground & _widened(held, ground.shape) if sought else ground
+
+
+def _placed(scan: Scan, baseline: Scan, ground: Mask, sought: bool, lay: Matrix) -> tuple[Motion, Mask]:
+    """The motion of a scan that, once it was moved by `lay`, lies within a drift's reach; and the cells held still."""
+    grid = baseline.grid
+    for _ in range(TURNS):
+        laid = _laid(scan, lay, grid)
+        overlap = _overlap(laid, ground)
+        if overlap < LEAST_OVERLAP:
+            told = f"only {overlap:.0%} of the stable cells were measured again"
+            return _failed(overlap, told), np.zeros_like(ground)
+        drift = lateral_drift(laid, baseline, ground)
+        if abs(_turned(drift)) * np.hypot(*grid.shape) / 2 <= TURNED_CELLS:
+            break
+        lay = _taken_out(drift, grid) @ lay
+    return _levelled(scan, baseline, ground, sought, drift, overlap, lay)
 
 
 def _levelled(
-    scan: Scan, baseline: Scan, ground: npt.NDArray[np.bool_], sought: bool, drift: Drift, overlap: float
-) -> tuple[Motion, npt.NDArray[np.bool_]]:
+    scan: Scan,
+    baseline: Scan,
+    ground: Mask,
+    sought: bool,
+    drift: Drift,
+    overlap: float,
+    lay: Matrix,
+) -> tuple[Motion, Mask]:
     """The motion whose lateral part is known, and the cells that were held to be stable.
 
     The baseline may be a thinned one; `ground` is the cells of it that may be used, `sought` that the still ones of
     them are to be found.
     """
-    known = np.isfinite(drift.dx_mm)
-    matrix = np.eye(4)
-    if known:
-        matrix[:2, 3] = -drift.dx_mm, -drift.dy_mm
+    matrix = _taken_out(drift, scan.grid) @ lay
     plane: Plane | None = None
     share = 1.0
     held = ground
@@ -129,13 +187,14 @@ def _levelled(
         if plane is None:
             nothing = np.zeros_like(ground)
             return _failed(overlap, "the stable cells are too few or lie on one line"), nothing
-        matrix = _levelling(plane, baseline) @ matrix
+        matrix = levelling(plane, median(baseline.height)) @ matrix
     assert plane is not None
     # an imported map may say no sigma: then its residual cannot be judged
     expected = median(sigma, held)
     expected = expected if np.isfinite(expected) else np.inf
     # 1 um keeps a noise-free height map (imported, synthetic) from being judged by its rounding
-    verdict, reason = _judge(drift, plane.residual / max(expected, 1e-3), share)
+    verdict, doubt = _judge(drift, plane.residual / max(expected, 1e-3), share)
+    reason = "; ".join(filter(None, (_told(matrix, scan.grid), doubt)))
     # without a majority the offset is known no better than the change differs from place to place
     sigma_z = plane.residual if share < LEAST_CONSENSUS else float(np.sqrt(plane.covariance[0, 0]))
     motion = Motion(
@@ -162,21 +221,73 @@ def _thinned(scan: Scan) -> Scan:
     return Scan(thin, scan.time, height, sigma, scan.texture[every], scan.level[every], scan.calibration_id)
 
 
-def _widened(thin: npt.NDArray[np.bool_], shape: tuple[int, ...]) -> npt.NDArray[np.bool_]:
+def _widened(thin: Mask, shape: tuple[int, ...]) -> Mask:
     return thin.repeat(THIN, axis=0).repeat(THIN, axis=1)[: shape[0], : shape[1]]
 
 
-def _covariance(plane: Plane, drift: Drift) -> npt.NDArray[np.float64]:
+def _laid(scan: Scan, lay: Matrix, grid: Grid) -> Scan:
+    return apply_motion(scan, _candidate(lay), grid)
+
+
+def _overlap(scan: Scan, ground: Mask) -> float:
+    return int(np.count_nonzero(ground & np.isfinite(scan.height))) / max(1, int(np.count_nonzero(ground)))
+
+
+def _turned(drift: Drift) -> float:
+    """By what angle a scan is turned, if by more than chance tells."""
+    turn = drift.turn
+    return turn.angle_rad if abs(turn.angle_rad) > TURNED_SIGMAS * turn.sigma_rad else 0.0
+
+
+def _taken_out(drift: Drift, grid: Grid) -> Matrix:
+    """The motion that takes a shift out, and a turn about the middle of the cells that told it."""
+    matrix = np.eye(4)
+    if not np.isfinite(drift.dx_mm):
+        return matrix
+    turn = _turned(drift)
+    c, s = np.cos(turn), np.sin(turn)
+    matrix[:2, :2] = [[c, s], [-s, c]]
+    about = np.array([grid.x0_mm, grid.y0_mm]) + grid.pitch_mm * np.array(drift.turn.about)
+    matrix[:2, 3] = about - matrix[:2, :2] @ (about + np.array([drift.dx_mm, drift.dy_mm]))
+    return matrix
+
+
+def _moves(matrix: Matrix, grid: Grid) -> tuple[float, float, float]:
+    """How far a motion moves the middle of a map sideways, mm, and how far it turns and tilts it, degrees."""
+    middle = np.array([grid.x_mm.mean(), grid.y_mm.mean(), 0.0, 1.0])
+    aside = float(np.hypot(*(matrix @ middle - middle)[:2]))
+    turn = abs(float(np.rad2deg(np.arctan2(matrix[1, 0], matrix[0, 0]))))
+    return aside, turn, float(np.rad2deg(np.arccos(min(1.0, matrix[2, 2]))))
+
+
+def _lies_apart(matrix: Matrix, grid: Grid) -> bool:
+    """Whether a drift that is sought on the grid cannot follow a scan that lies so."""
+    aside, turn, tilt = _moves(matrix, grid)
+    cells = np.deg2rad(turn) * np.hypot(*grid.shape) / 2
+    return bool(cells > TURNED_CELLS or aside > REACH * min(grid.shape) * grid.pitch_mm or tilt > PUT_BACK_DEG)
+
+
+def _told(matrix: Matrix, grid: Grid) -> str:
+    """What people are told of a sample that no drift brought where it is; empty for any other."""
+    aside, turn, tilt = _moves(matrix, grid)
+    if max(turn, tilt) <= PUT_BACK_DEG and aside <= REACH * min(grid.shape) * grid.pitch_mm:
+        return ""
+    tilted = f", tilted by {tilt:.1f} degrees" if tilt > PUT_BACK_DEG else ""
+    return f"the sample was put back {aside:.2g} mm and {turn:.1f} degrees away{tilted}, and found again"
+
+
+def _covariance(plane: Plane, drift: Drift) -> Matrix:
     """Of shifts along x, y, z and turns about x, y, z: a slope along y is a turn about x, one along x against y."""
     covariance = np.zeros((6, 6))
     covariance[0, 0] = covariance[1, 1] = drift.sigma_mm**2
+    covariance[5, 5] = drift.turn.sigma_rad**2
     levels = np.zeros((6, 3))
     levels[2, 0], levels[3, 2], levels[4, 1] = -1.0, -1.0, 1.0
     covariance += levels @ plane.covariance @ levels.T
     return covariance
 
 
-def _candidate(matrix: npt.NDArray[np.float64]) -> Motion:
+def _candidate(matrix: Matrix) -> Motion:
     return Motion(matrix, float("nan"), 0.0, 0.0, float("nan"), float("nan"), "doubtful", "not finished")
 
 
@@ -185,7 +296,7 @@ def _failed(overlap: float, reason: str) -> Motion:
     return Motion(np.eye(4), nan, overlap, 0.0, nan, nan, "failed", reason)
 
 
-def _plane_of(dz: npt.NDArray[np.float32], held: npt.NDArray[np.bool_], baseline: Scan, shared: float) -> Plane | None:
+def _plane_of(dz: npt.NDArray[np.float32], held: Mask, baseline: Scan, shared: float) -> Plane | None:
     """Plane through dz on the held cells, robustly from at most MOST_CELLS of them, then from all."""
     count = int(np.count_nonzero(held))
     if count < 50:
@@ -196,22 +307,6 @@ def _plane_of(dz: npt.NDArray[np.float32], held: npt.NDArray[np.bool_], baseline
     values = dz[rows, columns].astype(np.float64)
     plane = fit_plane(grid.x_mm[columns], grid.y_mm[rows], values, per_patch=max(1.0, shared / every))
     return None if plane is None else mean_plane(plane, grid.x_mm, grid.y_mm, dz, held)
-
-
-def _levelling(plane: Plane, baseline: Scan) -> npt.NDArray[np.float64]:
-    """The rigid motion that takes a plane of dz out: a small rotation about its centre, and a lift."""
-    offset, a, b = plane.level
-    # exp of the rotation vector (-b, a, 0) turns (x, y, 0) into (.., .., -a x - b y) to first order
-    angle = float(np.hypot(a, b))
-    rotation = np.eye(3)
-    if angle > 0:
-        skew = np.array([[0.0, 0.0, a], [0.0, 0.0, b], [-a, -b, 0.0]]) / angle
-        rotation += np.sin(angle) * skew + (1 - np.cos(angle)) * skew @ skew
-    pivot = np.array([*plane.centre, median(baseline.height)])
-    matrix = np.eye(4)
-    matrix[:3, :3] = rotation
-    matrix[:3, 3] = pivot - rotation @ pivot - np.array([0.0, 0.0, offset])
-    return matrix
 
 
 def _judge(drift: Drift, ratio: float, share: float) -> tuple[Verdict, str]:

@@ -11,7 +11,7 @@ from numba import njit
 from ..slabs import in_slabs
 from .ranks import at_rank, median, ordered, robust_sigma
 
-__all__ = ["Plane", "every_of", "fit_plane", "largest_consensus", "mean_plane"]
+__all__ = ["Plane", "every_of", "fit_plane", "largest_consensus", "levelling", "mean_plane"]
 
 CLIP = 4.685  # Tukey's biweight constant
 TRIPLES = 400
@@ -121,6 +121,22 @@ def mean_plane(
     if np.linalg.cond(normal) > 1e12:
         return plane
     return replace(plane, level=plane.level + np.linalg.solve(normal, right))
+
+
+def levelling(plane: Plane, height_mm: float) -> npt.NDArray[np.float64]:
+    """Rigid motion (4 x 4) that takes a plane of dz out: a small turn about its centre at this height, and a lift."""
+    offset, a, b = plane.level
+    # exp of the rotation vector (-b, a, 0) turns (x, y, 0) into (.., .., -a x - b y) to first order
+    angle = float(np.hypot(a, b))
+    rotation = np.eye(3)
+    if angle > 0:
+        skew = np.array([[0.0, 0.0, a], [0.0, 0.0, b], [-a, -b, 0.0]]) / angle
+        rotation += np.sin(angle) * skew + (1 - np.cos(angle)) * skew @ skew
+    pivot = np.array([*plane.centre, height_mm])
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation
+    matrix[:3, 3] = pivot - rotation @ pivot - np.array([0.0, 0.0, offset])
+    return matrix
 
 
 @njit(cache=True, nogil=True)
