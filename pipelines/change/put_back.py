@@ -22,7 +22,7 @@ __all__ = ["place_put_back", "stands_out"]
 Floats = npt.NDArray[np.float32]
 Matrix = npt.NDArray[np.float64]
 
-SIDE = 80
+SIDE = 100
 """Places are sought on maps of about so many cells along the shorter side."""
 FINER = 3
 """Point clouds have so many times as many points each way."""
@@ -41,6 +41,8 @@ SIMILAR = 1.5
 """Likenesses within this factor do not tell two places apart."""
 LIKE = 7.0
 """Least likeness, in spreads of what chance gives: the best of the 10^6 places looked at has 5 to 6 by chance."""
+LIKE_THERE = 5.0
+"""The same of one given place."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,7 +129,7 @@ def stands_out(scan: Scan, baseline: Scan, matrix: Matrix) -> bool | None:
     like = across.like(theirs)
     there = float(like[:2, :2].max(initial=max(like[0, -1], like[-1, 0], like[-1, -1], like[1, -1], like[-1, 1])))
     chance = robust_sigma(like)
-    return bool(there >= max(LIKE * chance, SIMILAR * float(like[across.farther(0, 0)].max())))
+    return bool(there >= max(LIKE_THERE * chance, SIMILAR * float(like[across.farther(0, 0)].max())))
 
 
 def _coarse(scan: Scan, side: int) -> Scan:
