@@ -41,6 +41,10 @@ STEADY = 0.2
 SIMILAR = 1.5
 """Shares of cells explained within this factor do not tell two shifts apart."""
 SAMPLED = 20_000
+BY_CHANCE = 6.0
+"""Correlation, in spreads of that at all shifts within reach, that no shift has by chance: the best of 10^5 has 4.3."""
+ALIKE = 0.5
+"""Nor this correlation itself: along ridges it hardly falls, and the spread of all shifts tells nothing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,17 +153,36 @@ def bands_of_baseline(baseline: Scan) -> list[Floats]:
     return _bands(baseline)
 
 
-def _whole_cells(first: Floats, second: Floats, reach: int) -> tuple[int, int]:
-    """Whole-cell (dx, dy) of the highest peak of the normalised cross-correlation within `reach` cells."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Likeness:
+    """Normalised cross-correlation of one channel at every shift of whole cells within reach; and its spread."""
+
+    at: Floats
+    spread: float
+
+    @property
+    def peak(self) -> tuple[int, int]:
+        """(dx, dy) of the highest."""
+        row, column = np.unravel_index(int(np.argmax(self.at)), self.at.shape)
+        return int(column) - self.at.shape[1] // 2, int(row) - self.at.shape[0] // 2
+
+    def stands_out(self, u: float, v: float) -> bool:
+        """Whether a shift is more alike than chance makes one."""
+        row, column = round(v) + self.at.shape[0] // 2, round(u) + self.at.shape[1] // 2
+        around = self.at[max(0, row - 1) : max(0, row + 2), max(0, column - 1) : max(0, column + 2)]
+        return float(around.max(initial=0.0)) >= min(ALIKE, BY_CHANCE * self.spread)
+
+
+def _likeness(first: Floats, second: Floats, reach: int) -> _Likeness:
     from scipy import fft
 
     shape = [fft.next_fast_len(n + reach, real=True) for n in first.shape]
-    a = fft.rfft2(np.clip(np.nan_to_num(first), -3, 3), shape, workers=1)
-    b = fft.rfft2(np.clip(np.nan_to_num(second), -3, 3), shape, workers=1)
-    peak = fft.irfft2(np.conj(a) * b, shape, workers=1)
-    rolled = np.roll(peak, (reach, reach), axis=(0, 1))[: 2 * reach + 1, : 2 * reach + 1]
-    row, column = np.unravel_index(int(np.argmax(rolled)), rolled.shape)
-    return int(column) - reach, int(row) - reach
+    maps = [np.clip(np.nan_to_num(one), -3, 3) for one in (first, second)]
+    a, b = (fft.rfft2(one, shape, workers=1) for one in maps)
+    whole = fft.irfft2(np.conj(a) * b, shape, workers=1)
+    whole /= max(1e-30, float(np.linalg.norm(maps[0]) * np.linalg.norm(maps[1])))
+    at = np.roll(whole, (reach, reach), axis=(0, 1))[: 2 * reach + 1, : 2 * reach + 1]
+    return _Likeness(at, robust_sigma(at))
 
 
 def lateral_drift(scan: Scan, baseline: Scan, use: npt.NDArray[np.bool_], reach_mm: float | None = None) -> Drift:
@@ -182,7 +205,7 @@ def lateral_drift(scan: Scan, baseline: Scan, use: npt.NDArray[np.bool_], reach_
     Returns
     -------
     Drift
-        All NaN, with conditioning 0, where nothing has contrast.
+        All NaN, with conditioning 0, where nothing has contrast or no shift is more alike than chance makes one.
     """
     grid = baseline.grid
     reach = max(2, round((reach_mm / grid.pitch_mm) if reach_mm else min(grid.shape) / 10))
@@ -191,8 +214,9 @@ def lateral_drift(scan: Scan, baseline: Scan, use: npt.NDArray[np.bool_], reach_
     nothing = Drift(float("nan"), float("nan"), float("nan"), 0.0)
     if not channels or not use.any():
         return nothing
-    peaks = [partial(_whole_cells, np.where(use, ref, np.float32(np.nan)), mov, reach) for ref, mov in channels]
-    starts = {(0, 0), *side_by_side(*peaks)}
+    sought = [partial(_likeness, np.where(use, ref, np.float32(np.nan)), mov, reach) for ref, mov in channels]
+    alike = side_by_side(*sought)
+    starts = {(0, 0), *(one.peak for one in alike)}
     count_used = int(use.sum())
     step = 1 if count_used < 300_000 else 2
     every = max(1, count_used // step**2 // SAMPLED)
@@ -207,6 +231,8 @@ def lateral_drift(scan: Scan, baseline: Scan, use: npt.NDArray[np.bool_], reach_
     # starts that end within a cell of each other are one shift, and the one that explains most is the one that arrived
     same = [k for k, one in enumerate(found) if np.hypot(one.u - nearest.u, one.v - nearest.v) <= 1.0]
     best = found[max(same, key=lambda k: float(support[k]))]
+    if not any(one.stands_out(best.u, best.v) for one in alike):
+        return nothing
     ambiguous = max(np.hypot(one.u - best.u, one.v - best.v) for one in good) > 1.0
     pitch = grid.pitch_mm
     turn = turn_left(patterns, [_spread(residuals) for residuals in best.residuals], best.u, best.v)

@@ -105,18 +105,19 @@ def find_motion(scan: Scan, baseline: Scan, stable: Mask | None, near: Motion | 
     found = _placed(scan, baseline, ground, stable is None, lay)
     if found[0].verdict == "good":
         return found
-    there = found[0].verdict == "doubtful" and stands_out(scan, baseline, found[0].matrix)
-    if there and near is not None:
-        return found  # in a video it would be looked at closely each time
-    start = place_put_back(scan, baseline, found[0].matrix if there else None)
-    if start is not None:
+    doubtful = found[0].verdict == "doubtful"
+    there = doubtful and stands_out(scan, baseline, found[0].matrix)
+    # of a video it would be sought each time, seconds long
+    sought = near is None or not doubtful
+    start = place_put_back(scan, baseline, found[0].matrix if there else None) if sought else None
+    if start is not None and (not there or _lies_apart(start, baseline.grid)):
         # a tilt moves what is high sideways: the second time there is none left
         first, _ = _placed(scan, baseline, ground, stable is None, start)
         again = _placed(scan, baseline, ground, stable is None, first.matrix)
         better = again[0].residual_mm < found[0].residual_mm if there else stands_out(scan, baseline, again[0].matrix)
         if again[0].verdict != "failed" and better:
             return again
-    if there is False and found[0].covariance is None and found[0].verdict == "doubtful":
+    if doubtful and there is False and found[0].covariance is None:
         return _failed(found[0].overlap, "nothing of the baseline is found again, where it lay or elsewhere"), found[1]
     return found
 

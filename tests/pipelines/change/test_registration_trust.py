@@ -6,11 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
 from pipelines.change import compare, register
+from pipelines.change.drift import lateral_drift
 from tests.pipelines.change.scans import bumps, sampled, scan_of, soil_scan
 
 SHAPE = (160, 200)
@@ -46,6 +48,15 @@ def test_it_is_flagged(case: str, seed: int) -> None:
     motion = register(scan_of(after + noise[1], hour=1), scan_of(before + noise[0]))
     assert motion.verdict != "good", case
     assert motion.reason
+
+
+@pytest.mark.parametrize("seed", [174, 190, 192, 201])
+def test_no_shift_is_made_of_noise(seed: int) -> None:
+    """Flat surfaces whose noise by chance agrees best at one shift, more than half as well again as at any other."""
+    before, after = np.random.default_rng(seed).normal(0, 0.002, (2, *SHAPE))
+    drift = lateral_drift(scan_of(after, hour=1), scan_of(before), np.ones(SHAPE, np.bool_))
+    assert np.isnan([drift.dx_mm, drift.dy_mm]).all()
+    assert drift.conditioning == 0
 
 
 def test_what_stands_is_found_on_soil_that_changes(shared_data: Path) -> None:
