@@ -194,7 +194,7 @@ def _offset(i: int, j: int, first: Scan, second: Scan, apart: Floats, bow_mm: fl
         motion = Motion(np.eye(4), nothing, 0.0, 0.0, nothing, nothing, "failed", "too few common cells")
         return Offset(i, j, (nothing, nothing, nothing), (nothing, nothing, nothing)), motion
     ours, theirs, moved = cut
-    motion = register(theirs, ours)
+    motion = register(theirs, ours, put_back=False)
     both = np.isfinite(ours.height) & np.isfinite(theirs.height)
     rows, columns = np.nonzero(both)
     grid = ours.grid

@@ -69,7 +69,7 @@ def _badness(each: Aligned) -> tuple[int, float]:
 
 def _align(view: Scan, first: Scan, guess: Floats) -> Aligned:
     matrix = guess
-    motion = register(_moved(view, matrix, first.grid), first)
+    motion = register(_moved(view, matrix, first.grid), first, put_back=False)
     for _ in range(ROUNDS):
         if motion.verdict == "failed":
             break
@@ -77,7 +77,7 @@ def _align(view: Scan, first: Scan, guess: Floats) -> Aligned:
         moved = _moved(view, matrix, first.grid)
         turn = _turn(moved, first)
         matrix = turn @ matrix
-        motion = register(_moved(view, matrix, first.grid), first)
+        motion = register(_moved(view, matrix, first.grid), first, put_back=False)
         if abs(np.rad2deg(np.arctan2(turn[1, 0], turn[0, 0]))) < ENOUGH_DEG:
             break
     return Aligned(motion.matrix @ matrix if motion.verdict != "failed" else matrix, motion)
@@ -104,7 +104,7 @@ def _turn(moved: Scan, first: Scan) -> Floats:
             if both[part].mean() < 0.5:
                 continue
             one, two = _cut(moved, part), _cut(first, part)
-            motion = register(one, two)
+            motion = register(one, two, put_back=False)
             if motion.verdict == "failed" or not np.isfinite(motion.sigma_xy_mm):
                 continue
             middle = np.array([one.grid.x_mm.mean(), one.grid.y_mm.mean(), float(np.nanmean(one.height)), 1.0])

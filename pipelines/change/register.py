@@ -48,7 +48,14 @@ LEAST_FOLLOWED = 160_000
 """Fewer cells are registered in full: that takes no longer, and a sixteenth of them would be too few."""
 
 
-def register(scan: Scan, baseline: Scan, stable: Mask | None = None, near: Motion | None = None) -> Motion:
+def register(
+    scan: Scan,
+    baseline: Scan,
+    stable: Mask | None = None,
+    near: Motion | None = None,
+    *,
+    put_back: bool = True,
+) -> Motion:
     """Find the rigid motion that takes a scan onto its baseline.
 
     Height and tilt come from a robust plane through the difference on the stable areas alone, lateral drift and the
@@ -68,6 +75,8 @@ def register(scan: Scan, baseline: Scan, stable: Mask | None = None, near: Motio
         Of a scan shortly before, onto the same baseline: drift is then sought from there, on a quarter of the rows.
         Where no search could have found another shift nearly as good, height and tilt follow on every fourth cell each
         way. If all of it is good, that is the motion; anything else is registered in full.
+    put_back : bool
+        Seek it anywhere; without, no farther than a drift goes.
 
     Returns
     -------
@@ -80,10 +89,12 @@ def register(scan: Scan, baseline: Scan, stable: Mask | None = None, near: Motio
     ValueError
         If the grids differ or `stable` has another shape.
     """
-    return find_motion(scan, baseline, stable, near)[0]
+    return find_motion(scan, baseline, stable, near, put_back)[0]
 
 
-def find_motion(scan: Scan, baseline: Scan, stable: Mask | None, near: Motion | None = None) -> tuple[Motion, Mask]:
+def find_motion(
+    scan: Scan, baseline: Scan, stable: Mask | None, near: Motion | None = None, put_back: bool = True
+) -> tuple[Motion, Mask]:
     """`register`, and the cells that were held to be stable."""
     if scan.grid != baseline.grid:
         raise ValueError(f"scan and baseline lie on different grids: {scan.grid} and {baseline.grid}")
@@ -103,7 +114,7 @@ def find_motion(scan: Scan, baseline: Scan, stable: Mask | None, near: Motion | 
         if followed is not None:
             return followed
     found = _placed(scan, baseline, ground, stable is None, lay)
-    if found[0].verdict == "good":
+    if found[0].verdict == "good" or not put_back:
         return found
     doubtful = found[0].verdict == "doubtful"
     there = doubtful and stands_out(scan, baseline, found[0].matrix)
