@@ -118,10 +118,12 @@ def find_motion(
         return found
     doubtful = found[0].verdict == "doubtful"
     there = doubtful and stands_out(scan, baseline, found[0].matrix)
+    if there and not _lies_apart(found[0].matrix, baseline.grid):
+        return found
     # of a video it would be sought each time, seconds long
     sought = near is None or not doubtful
     start = place_put_back(scan, baseline, found[0].matrix if there else None) if sought else None
-    if start is not None and (not there or _lies_apart(start, baseline.grid)):
+    if start is not None:
         # a tilt moves what is high sideways: the second time there is none left
         first, _ = _placed(scan, baseline, ground, stable is None, start)
         again = _placed(scan, baseline, ground, stable is None, first.matrix)

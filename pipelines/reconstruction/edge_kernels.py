@@ -33,8 +33,8 @@ class Pictures(NamedTuple):
     tilt : ndarray of float32, shape (cell + 1, bit)
         By how much, in units of `contrast`, the light of these frames moves pattern minus inverse.
     wave : ndarray of float32, shape (cell + 1, bit, 2)
-        Half a turn over the width of the stripes of these frames, per camera px, and the tangent of half of it; 0 where
-        they are wide enough for single edges.
+        Camera px over which the wave of the stripes of these frames turns by a radian, and the tangent of half its turn
+        over one px; 0 where they are wide enough for single edges.
     edge : ndarray of float32, shape (cell + 1,)
         As of `AxisCells`.
     centre, width : ndarray of float32, shape (half step,)

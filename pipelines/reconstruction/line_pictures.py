@@ -88,8 +88,9 @@ def line_pictures(
 def _waves(doublings: npt.NDArray[np.int32], cell_px: float) -> Floats:
     """As of `Pictures`, of stripes that are 2 to the so manieth cells wide."""
     turn = np.pi / (cell_px * 2.0**doublings)
-    turn[(turn < np.pi / WIDEST_PX) | (turn > np.pi / NARROWEST_PX)] = 0
-    return np.stack([turn, np.tan(turn / 2)], axis=-1).astype(np.float32)
+    wave = np.stack([1 / turn, np.tan(turn / 2)], axis=-1)
+    wave[(turn < np.pi / WIDEST_PX) | (turn > np.pi / NARROWEST_PX)] = 0
+    return wave.astype(np.float32)
 
 
 def _growth(coarse: Floats, skip: list[int]) -> tuple[bool, float]:

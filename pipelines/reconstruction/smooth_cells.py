@@ -15,7 +15,10 @@ __all__ = ["ladder", "reach_of", "tell_smooth"]
 F32 = npt.NDArray[np.float32]
 
 SIDE = 32  # cells: side of the tiles in which it is told
-ROWS = 4  # one row in so many tells
+ROWS, MORE = (
+    4,
+    3,
+)  # one row in so many tells; of distances that are looked at in nine tiles together one in MORE of these
 FEW = 64  # second differences that tell
 APART = 2.0  # widths of a stripe: positions that have no edge in common
 NEXT = 2.4  # from one distance of second differences to the next smaller one: what repeats over one shows at another
@@ -96,7 +99,8 @@ def _sum_up(height, sigma, lags, first, last, sums):  # type: ignore[no-untyped-
         for k in range(lags.size):
             lag = lags[k]
             along, across = sums[2 * k, :, tile + 1], sums[2 * k + 1, :, tile + 1]
-            for i in range(tile * SIDE, min((tile + 1) * SIDE, rows), ROWS):
+            step = ROWS if k == 0 else MORE * ROWS
+            for i in range(tile * SIDE, min((tile + 1) * SIDE, rows), step):
                 size[:] = np.nan
                 inner = columns - 2 * lag
                 if inner > 0:

@@ -56,7 +56,7 @@ def wave(
     )
     drawn = np.array([a, b, *FULL]) + noise * np.random.default_rng(seed).standard_normal(4)
     turn = np.float32(np.pi / (off * stripe))
-    part, variance = edge_between(*drawn.astype(np.float32), np.float32(noise**2), turn, np.tan(turn / 2))
+    part, variance = edge_between(*drawn.astype(np.float32), np.float32(noise**2), 1 / turn, np.tan(turn / 2))
     return float(part), float(variance)
 
 
