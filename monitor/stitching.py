@@ -191,8 +191,8 @@ def _offset(i: int, j: int, first: Scan, second: Scan, apart: Floats, bow_mm: fl
     cut = overlap_of(first, second, apart)
     if cut is None:
         nothing = float("nan")
-        motion = Motion(np.eye(4), nothing, 0.0, 0.0, nothing, nothing, "failed", "too few common cells")
-        return Offset(i, j, (nothing, nothing, nothing), (nothing, nothing, nothing)), motion
+        unknown = Offset(i, j, (nothing, nothing, nothing), (nothing, nothing, nothing))
+        return unknown, Motion.failed(0.0, "too few common cells")
     ours, theirs, moved = cut
     motion = register(theirs, ours, put_back=False)
     both = np.isfinite(ours.height) & np.isfinite(theirs.height)

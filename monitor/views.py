@@ -85,8 +85,7 @@ def _align(view: Scan, first: Scan, guess: Floats) -> Aligned:
 
 def _moved(view: Scan, matrix: Floats, grid: Grid) -> Scan:
     """Resampled by interpolation: gridding moves the finest relief by whole cells only, which a small turn must not."""
-    nan = float("nan")
-    return apply_motion(view, Motion(matrix, nan, 0.0, 0.0, nan, nan, "doubtful", "a guess"), grid)
+    return apply_motion(view, Motion.guess(matrix), grid)
 
 
 def _turn(moved: Scan, first: Scan) -> Floats:

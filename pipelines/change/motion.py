@@ -66,3 +66,15 @@ class Motion:
     def none() -> Motion:
         """No motion at all, known exactly: a baseline against itself."""
         return Motion(np.eye(4), 0.0, 1.0, 1.0, 0.0, 0.0, "good")
+
+    @staticmethod
+    def guess(matrix: npt.NDArray[np.float64]) -> Motion:
+        """A motion that is tried, and that nothing is known of."""
+        nan = float("nan")
+        return Motion(matrix, nan, 0.0, 0.0, nan, nan, "doubtful", "a guess")
+
+    @staticmethod
+    def failed(overlap: float, reason: str) -> Motion:
+        """No motion, because none was found."""
+        nan = float("nan")
+        return Motion(np.eye(4), nan, overlap, 0.0, nan, nan, "failed", reason)

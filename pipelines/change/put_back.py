@@ -254,8 +254,7 @@ def _apart(one: Matrix, other: Matrix, grid: Grid) -> bool:
 
 
 def _moved(matrix: Matrix, scan: Scan, grid: Grid) -> Scan:
-    nan = float("nan")
-    return apply_motion(scan, Motion(matrix, nan, 0.0, 0.0, nan, nan, "doubtful", "a guess"), grid)
+    return apply_motion(scan, Motion.guess(matrix), grid)
 
 
 def _likeness(matrix: Matrix, scan: Scan, grid: Grid, ours: _Bands) -> float:

@@ -105,7 +105,7 @@ def find_motion(
         ground &= stable
     if stable is not None and np.count_nonzero(ground) < LEAST_CELLS:
         told = f"the stable areas hold fewer than {LEAST_CELLS} measured cells of the baseline"
-        return _failed(0.0, told), np.zeros_like(ground)
+        return Motion.failed(0.0, told), np.zeros_like(ground)
     lay = np.eye(4)
     if near is not None and near.verdict != "failed":
         # of a sample that was put back only where it lies now is near; a drift is sought on the grid
@@ -131,7 +131,9 @@ def find_motion(
         if again[0].verdict != "failed" and better:
             return again
     if doubtful and there is False and found[0].covariance is None:
-        return _failed(found[0].overlap, "nothing of the baseline is found again, where it lay or elsewhere"), found[1]
+        return Motion.failed(
+            found[0].overlap, "nothing of the baseline is found again, where it lay or elsewhere"
+        ), found[1]
     return found
 
 
@@ -162,7 +164,7 @@ def _placed(scan: Scan, baseline: Scan, ground: Mask, sought: bool, lay: Matrix)
         overlap = _overlap(laid, ground)
         if overlap < LEAST_OVERLAP:
             told = f"only {overlap:.0%} of the stable cells were measured again"
-            return _failed(overlap, told), np.zeros_like(ground)
+            return Motion.failed(overlap, told), np.zeros_like(ground)
         drift = lateral_drift(laid, baseline, ground)
         if abs(_turned(drift)) * np.hypot(*grid.shape) / 2 <= TURNED_CELLS:
             break
@@ -190,7 +192,7 @@ def _levelled(
     held = ground
     shared = SHARED_ERROR_CELLS * (scan.grid.pitch_mm / baseline.grid.pitch_mm) ** 2
     for _ in range(2):
-        moved = apply_motion(scan, _candidate(matrix), baseline.grid)
+        moved = apply_motion(scan, Motion.guess(matrix), baseline.grid)
         dz, sigma = subtracted(moved, baseline)
         held = ground & np.isfinite(dz)
         if sought:
@@ -200,7 +202,7 @@ def _levelled(
         plane = _plane_of(dz, held, baseline, shared)
         if plane is None:
             nothing = np.zeros_like(ground)
-            return _failed(overlap, "the stable cells are too few or lie on one line"), nothing
+            return Motion.failed(overlap, "the stable cells are too few or lie on one line"), nothing
         matrix = levelling(plane, median(baseline.height)) @ matrix
     assert plane is not None
     # an imported map may say no sigma: then its residual cannot be judged
@@ -240,7 +242,7 @@ def _widened(thin: Mask, shape: tuple[int, ...]) -> Mask:
 
 
 def _laid(scan: Scan, lay: Matrix, grid: Grid) -> Scan:
-    return apply_motion(scan, _candidate(lay), grid)
+    return apply_motion(scan, Motion.guess(lay), grid)
 
 
 def _overlap(scan: Scan, ground: Mask) -> float:
@@ -299,15 +301,6 @@ def _covariance(plane: Plane, drift: Drift) -> Matrix:
     levels[2, 0], levels[3, 2], levels[4, 1] = -1.0, -1.0, 1.0
     covariance += levels @ plane.covariance @ levels.T
     return covariance
-
-
-def _candidate(matrix: Matrix) -> Motion:
-    return Motion(matrix, float("nan"), 0.0, 0.0, float("nan"), float("nan"), "doubtful", "not finished")
-
-
-def _failed(overlap: float, reason: str) -> Motion:
-    nan = float("nan")
-    return Motion(np.eye(4), nan, overlap, 0.0, nan, nan, "failed", reason)
 
 
 def _plane_of(dz: npt.NDArray[np.float32], held: Mask, baseline: Scan, shared: float) -> Plane | None:
