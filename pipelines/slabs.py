@@ -1,9 +1,10 @@
-"""Slabs: a compiled loop over rows runs in one thread per core, each on its own stretch; or whole steps do."""
+"""Slabs: a compiled loop over rows runs on all cores, each on its own stretch; or whole steps do, side by side."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import lru_cache, partial
 from typing import TypeVar
 
 import numba
@@ -11,6 +12,12 @@ import numba
 __all__ = ["in_slabs", "side_by_side"]
 
 Result = TypeVar("Result")
+
+
+@lru_cache(maxsize=1)
+def _helpers(cores: int) -> ThreadPoolExecutor:
+    """Threads that help whoever asks; kept, for a scan asks a hundred times and many a stretch takes less than a start."""
+    return ThreadPoolExecutor(cores - 1, thread_name_prefix="microrelief-slab")
 
 
 def in_slabs(rows: int, work: Callable[[int, int], Result], *, step: int = 0, least: int = 64) -> list[Result]:
@@ -31,17 +38,36 @@ def in_slabs(rows: int, work: Callable[[int, int], Result], *, step: int = 0, le
     """
     cores = max(1, min(int(numba.config.NUMBA_NUM_THREADS), rows // least))
     size = step or max(1, -(-rows // cores))
-    stretches = [(first, min(first + size, rows)) for first in range(0, rows, size)]
-    if cores == 1 or len(stretches) == 1:
-        return [work(first, last) for first, last in stretches]
-    with ThreadPoolExecutor(cores) as pool:
-        return [done.result() for done in [pool.submit(work, *stretch) for stretch in stretches]]
+    stretches = [partial(work, first, min(first + size, rows)) for first in range(0, rows, size)]
+    return [one() for one in stretches] if cores == 1 else _shared_out(stretches)
 
 
 def side_by_side(*jobs: Callable[[], Result]) -> list[Result]:
-    """Results of steps that do not need each other, in order; each in a thread of its own where there are cores."""
-    cores = min(int(numba.config.NUMBA_NUM_THREADS), len(jobs))
-    if cores < 2:
+    """Results of steps that do not need each other, in order; in threads of their own where there are cores."""
+    return [job() for job in jobs] if int(numba.config.NUMBA_NUM_THREADS) < 2 else _shared_out(jobs)
+
+
+def _shared_out(jobs: Sequence[Callable[[], Result]]) -> list[Result]:
+    """Do all jobs, some by helpers; raises the first one's error once none goes on.
+
+    Whoever asks works too, and takes back what no helper has begun. So he waits only for what is under way, and jobs
+    that share out jobs of their own cannot wait for each other.
+    """
+    if len(jobs) < 2:
         return [job() for job in jobs]
-    with ThreadPoolExecutor(cores) as pool:
-        return [done.result() for done in [pool.submit(job) for job in jobs]]
+    helpers = _helpers(int(numba.config.NUMBA_NUM_THREADS))
+    others = [helpers.submit(job) for job in jobs[1:]]
+    done = [_done(jobs[0]), *(_done(job) if each.cancel() else each for job, each in zip(jobs[1:], others, strict=True))]
+    for each in done:
+        each.exception()
+    return [each.result() for each in done]
+
+
+def _done(job: Callable[[], Result]) -> Future[Result]:
+    """A job that was done here, whatever came of it."""
+    future: Future[Result] = Future()
+    try:
+        future.set_result(job())
+    except BaseException as error:  # noqa: BLE001 - it is raised where the results are taken
+        future.set_exception(error)
+    return future
