@@ -16,8 +16,8 @@ Result = TypeVar("Result")
 
 @lru_cache(maxsize=1)
 def _helpers(cores: int) -> ThreadPoolExecutor:
-    """Threads that help whoever asks; kept, for a scan asks a hundred times and many a stretch takes less than a start."""
-    return ThreadPoolExecutor(cores - 1, thread_name_prefix="microrelief-slab")
+    """Threads that help whoever asks; kept, for many a stretch takes less time than the start of a thread."""
+    return ThreadPoolExecutor(cores - 1, thread_name_prefix="slab")
 
 
 def in_slabs(rows: int, work: Callable[[int, int], Result], *, step: int = 0, least: int = 64) -> list[Result]:
@@ -57,7 +57,10 @@ def _shared_out(jobs: Sequence[Callable[[], Result]]) -> list[Result]:
         return [job() for job in jobs]
     helpers = _helpers(int(numba.config.NUMBA_NUM_THREADS))
     others = [helpers.submit(job) for job in jobs[1:]]
-    done = [_done(jobs[0]), *(_done(job) if each.cancel() else each for job, each in zip(jobs[1:], others, strict=True))]
+    done = [
+        _done(jobs[0]),
+        *(_done(job) if each.cancel() else each for job, each in zip(jobs[1:], others, strict=True)),
+    ]
     for each in done:
         each.exception()
     return [each.result() for each in done]
