@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from pipelines.change import block_means
+
 from .palette import CHANGE_SCALE, HEIGHT_SCALE, LEVEL_SCALE, NOT_MEASURED, Rgb, colour_table
 
 __all__ = [
@@ -58,28 +60,7 @@ def block_mean(cells: npt.NDArray[np.float32], factor: int) -> npt.NDArray[np.fl
     -------
     ndarray of float32, shape (ceil(rows / factor), ceil(columns / factor))
     """
-    if factor == 1:
-        return cells
-    measured = np.isfinite(cells)
-    total = _block_sum(np.where(measured, cells, np.float32(0)), factor)
-    count = _block_sum(measured.astype(np.float32), factor)
-    enough = 2 * count >= factor * factor
-    return np.where(enough, total / np.maximum(count, 1), np.float32(np.nan))
-
-
-def _block_sum(cells: npt.NDArray[np.float32], factor: int) -> npt.NDArray[np.float32]:
-    """Add up square blocks; what a whole block lacks at the end counts nothing."""
-    rows, columns = (-(-side // factor) * factor for side in cells.shape)
-    if (rows, columns) != cells.shape:
-        cells = np.pad(cells, ((0, rows - cells.shape[0]), (0, columns - cells.shape[1])))
-    # whole slices: adding along the short axes of a reshaped array costs five times as much
-    along = cells[::factor].copy()
-    for row in range(1, factor):
-        along += cells[row::factor]
-    summed = along[:, ::factor].copy()
-    for column in range(1, factor):
-        summed += along[:, column::factor]
-    return summed
+    return cells if factor == 1 else block_means(cells, factor, -(-factor * factor // 2))
 
 
 def tone(cells: npt.NDArray[np.float32], span: Range) -> npt.NDArray[np.uint8]:

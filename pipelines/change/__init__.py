@@ -1,5 +1,6 @@
 """Two height maps to what moved, how much, and how sure we are. Uses nothing of `reconstruction`."""
 
+from .blocks import block_means
 from .compare import compare
 from .crack_depths import CrackDepths, crack_depths
 from .crack_identity import CrackHistory, CrackLine, CrackSighting, CrackSightings, follow_cracks, next_cracks
@@ -68,6 +69,7 @@ __all__ = [
     "Volumes",
     "apply_motion",
     "bare_substrate",
+    "block_means",
     "compare",
     "crack_depths",
     "crack_mask",

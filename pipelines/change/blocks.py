@@ -1,4 +1,4 @@
-"""Sums over square blocks: correlations of a large map by blocks count every pair of cells, by coarser lags."""
+"""Sums and means over square blocks: correlations of a large map by blocks count every pair, by coarser lags."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numba import njit
 
 from ..slabs import in_slabs
 
-__all__ = ["block_side", "block_sums", "error_sums"]
+__all__ = ["block_means", "block_side", "block_sums", "error_sums"]
 
 Floats = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -47,6 +47,42 @@ def block_sums(values: npt.NDArray[np.bool_] | Floats, side: int) -> Floats:
         return values.astype(np.float64)
     out = np.zeros(tuple(-(-n // side) for n in values.shape))
     in_slabs(len(out), lambda first, last: _summed(values, side, out, first, last), least=64)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _averaged(values, side, least, out, first, last):  # type: ignore[no-untyped-def]  # as above
+    rows, columns = values.shape
+    for r in range(first, last):
+        low, high = r * side, min(rows, (r + 1) * side)
+        for c in range(out.shape[1]):
+            total, count = 0.0, 0
+            for i in range(low, high):
+                for j in range(c * side, min(columns, (c + 1) * side)):
+                    z = values[i, j]
+                    known = abs(z) < np.inf
+                    count += known
+                    total += z if known else 0.0
+            out[r, c] = total / count if count >= least else np.nan
+
+
+def block_means(values: npt.NDArray[np.float32], side: int, least: int = 1) -> npt.NDArray[np.float32]:
+    """Average each block over its finite cells; those at the far borders may hold fewer cells.
+
+    Parameters
+    ----------
+    values : ndarray of float32, shape (rows, columns)
+        NaN where not measured.
+    side : int
+    least : int
+        A block of fewer finite cells is NaN.
+
+    Returns
+    -------
+    ndarray of float32, shape (rows / side, columns / side), rounded up
+    """
+    out = np.empty(tuple(-(-n // side) for n in values.shape), np.float32)
+    in_slabs(len(out), lambda first, last: _averaged(values, side, least, out, first, last), least=16)
     return out
 
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from ..grid import Grid
 from ..scan import LEVEL_NONE, Scan
 from .bands import band_passed
-from .blocks import block_sums
+from .blocks import block_means
 from .motion import Motion
 from .move import apply_motion
 from .ranks import median, robust_sigma
@@ -137,18 +137,17 @@ def _coarse(scan: Scan, side: int) -> Scan:
     if side == 1:
         return scan
     grid = scan.grid
-    good = np.isfinite(scan.height)
-    count = block_sums(good, side)
-    enough = 2 * count >= side * side
-    sums = (block_sums(np.where(good, values, 0).astype(np.float64), side) for values in (scan.height, scan.texture))
-    height, texture = (np.divide(one, count, out=np.zeros_like(one), where=enough) for one in sums)
+    half = -(-side * side // 2)
+    height = block_means(scan.height, side, half)
+    texture = block_means(np.where(np.isfinite(scan.height), scan.texture, np.float32(np.nan)), side, half)
+    enough = np.isfinite(height)
     middle = (side - 1) / 2 * grid.pitch_mm
     return Scan(
-        Grid(count.shape[0], count.shape[1], grid.pitch_mm * side, grid.x0_mm + middle, grid.y0_mm + middle),
+        Grid(height.shape[0], height.shape[1], grid.pitch_mm * side, grid.x0_mm + middle, grid.y0_mm + middle),
         scan.time,
-        np.where(enough, height, np.nan).astype(np.float32),
+        height,
         np.where(enough, np.float32(1), np.float32(np.nan)),
-        np.rint(texture).astype(np.uint8),
+        np.rint(np.where(enough, texture, 0)).astype(np.uint8),
         np.where(enough, 0, LEVEL_NONE).astype(np.uint8),
     )
 
