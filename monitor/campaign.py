@@ -40,6 +40,7 @@ from .rigs import Rig
 from .scheduler import grace_of
 from .settled import Outcome, Settled
 from .slot_rules import slot_rules_of
+from .steady_process import steady_process
 from .visit import Recipe, Work, visit
 from .warm_up import warm_up
 
@@ -134,6 +135,8 @@ def run_campaign(
             clock.go_on_from(store[-1].scan.time + np.timedelta64(1, "ms"))
         if now or campaign.schedule.video is not None:
             clock = clock.steady()
+        if campaign.schedule.video is not None:
+            stack.enter_context(steady_process())
         rig = rig_of(campaign, store) if rig is None else rig
         calibration = read_calibration(campaign, patterns, clock.now(), tell)
         tell("opening the rig")

@@ -225,7 +225,8 @@ def compared(capture: Measured, recipe: Recipe, epoch: Epoch | None, planned: In
         change, and gives no metrics.
     """
     baseline = epoch.baseline if epoch is not None else None
-    near = epoch.near if epoch is not None and recipe.follow else None
+    # the first scan after its baseline begins where that lay: whether it holds is proven, or all is searched
+    near = (epoch.near or Motion.none()) if epoch is not None and recipe.follow else None
     finding = compare_with(baseline, capture.scan, recipe, near)
     before, air = (epoch.watches, epoch.air) if epoch is not None else ({}, {})
     result = judged(finding, recipe, before, planned, capture.notes, air=air)

@@ -1,9 +1,10 @@
-"""Warming up: the whole chain, twice, on captures that count for nothing, so that no slot waits for a compiler."""
+"""Warming up: the whole chain, some times, on captures that count for nothing, so that no slot waits for a compiler."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -52,18 +53,21 @@ def warm_up(
     CaptureError, DeviceUnavailable, StoreError, ValueError
         What a visit would raise.
     """
+    # a video follows one scan from the next, and searches where it cannot: both are to be ready
+    ways = [recipe, recipe, replace(recipe, follow=False)] if recipe.follow else [recipe, recipe]
     epoch: Epoch | None = None
     frames: Frames | None = None
     with TemporaryDirectory(prefix="microrelief-") as folder:
         made = create_store(Path(folder) / "warm-up", site="", grid=recipe.grid, metrics=units, kind=kind)
         with closing(made) as store:
-            for moment in (at, at + SECOND):  # the second is compared with the first, as the store gives it back
-                frames = _captured(rig, recipe, moment, frames)
-                made_of = work(frames, recipe, epoch, moment)
-                number = store.append(made_of.tick)
-                if number is None:
+            for number, way in enumerate(ways):  # later ones are compared with the first, as the store gives it back
+                moment = at + number * SECOND
+                frames = _captured(rig, way, moment, frames)
+                made_of = work(frames, way, epoch, moment)
+                row = store.append(made_of.tick)
+                if row is None:
                     return
-                epoch = Epoch(store[number].scan, made_of.watches)
+                epoch = epoch or Epoch(store[row].scan, made_of.watches)
 
 
 def _captured(rig: Rig, recipe: Recipe, at: Instant, before: Frames | None) -> Frames:
