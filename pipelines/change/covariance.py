@@ -112,7 +112,9 @@ def _with_plane(found: Floats, pairs: Floats, counts: Floats, reach: int) -> Flo
     does. P C P is a sum over the plane's three orthonormal shapes, of the variance of each times its autocorrelation,
     and follows from C: a few rounds find both.
     """
-    shapes = side_by_side(*(partial(_products, shape, reach) for shape in plane_shapes(counts)))
+    # a small correction: single precision is enough, in half the time
+    plain = [shape.astype(np.float32) for shape in plane_shapes(counts)]
+    shapes = side_by_side(*(partial(_products, shape, reach) for shape in plain))
     pairs = np.maximum(pairs, 1.0)
     covariance = found
     for _ in range(ROUNDS):
@@ -158,7 +160,7 @@ def _mean_products(pairs: Floats, products: Floats) -> Floats:
     return np.where(enough, products / np.maximum(pairs, 1), 0.0)
 
 
-def _products(values: Floats, reach: int) -> Floats:
+def _products(values: Floats | npt.NDArray[np.float32], reach: int) -> Floats:
     """Sum of the products of all pairs of values by the distance of their cells, to `reach`.
 
     The autocorrelation is even: rows of lags from 0 to `reach` are transformed back, all but the first for two.

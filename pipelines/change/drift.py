@@ -26,6 +26,7 @@ __all__ = [
     "lateral_drift",
     "pattern_of",
     "refined",
+    "residual_spread",
     "residuals_at",
 ]
 
@@ -235,7 +236,7 @@ def lateral_drift(scan: Scan, baseline: Scan, use: npt.NDArray[np.bool_], reach_
         return nothing
     ambiguous = max(np.hypot(one.u - best.u, one.v - best.v) for one in good) > 1.0
     pitch = grid.pitch_mm
-    turn = turn_left(patterns, [_spread(residuals) for residuals in best.residuals], best.u, best.v)
+    turn = turn_left(patterns, [residual_spread(residuals) for residuals in best.residuals], best.u, best.v)
     return Drift(best.u * pitch, best.v * pitch, best.sigma * pitch, best.conditioning, bool(ambiguous), turn)
 
 
@@ -254,14 +255,15 @@ def _support(found: list[Fit]) -> npt.NDArray[np.float64]:
     """Share of cells that each shift explains, by one bound for all: 3 spreads of the shift that fits best."""
     support = np.zeros(len(found))
     for channel in zip(*(one.residuals for one in found), strict=True):
-        bound = 3 * min(_spread(residuals) for residuals in channel)
+        bound = 3 * min(residual_spread(residuals) for residuals in channel)
         support += [float((np.abs(residuals) <= bound).mean()) for residuals in channel]
     return support
 
 
-def _spread(residuals: npt.NDArray[np.float64]) -> float:
+def residual_spread(residuals: npt.NDArray[np.float64]) -> float:
     """Standard deviation from the lower quartile of the sizes: right even where half of them are gross errors."""
-    return max(1e-6, float(np.quantile(np.abs(residuals), 0.25)) / 0.31864)
+    lower = (residuals.size - 1) // 4  # one rank alone is found several times as fast as a quantile between two
+    return max(1e-6, float(np.partition(np.abs(residuals), lower)[lower]) / 0.31864)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -344,7 +346,7 @@ def refined(channels: Sequence[Pattern], every: int, start: tuple[float, float])
             total += np.array([[axx, axy], [axy, ayy]]) / scales[index] ** 2
             right += np.array([bx, by]) / scales[index] ** 2
             residuals.append(samples[index][:kept])
-            scales[index] = _spread(residuals[-1])
+            scales[index] = residual_spread(residuals[-1])
         if not np.isfinite(total).all() or np.linalg.det(total) <= 0:
             return None
         move = np.asarray(np.linalg.solve(total, right), dtype=np.float64)

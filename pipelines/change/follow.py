@@ -10,7 +10,17 @@ import numpy.typing as npt
 from ..scan import Scan
 from ..slabs import side_by_side
 from .bands import band_passed
-from .drift import SAMPLED, SIMILAR, Drift, Pattern, bands_of_baseline, pattern_of, refined, residuals_at
+from .drift import (
+    SAMPLED,
+    SIMILAR,
+    Drift,
+    Pattern,
+    bands_of_baseline,
+    pattern_of,
+    refined,
+    residual_spread,
+    residuals_at,
+)
 from .motion import Motion
 from .ranks import robust_sigma
 
@@ -57,7 +67,7 @@ def followed_drift(scan: Scan, baseline: Scan, use: Mask, near: Motion) -> Drift
     found = refined(channels, every, (-start[0], -start[1]))
     if found is None or min(residuals.size for residuals in found.residuals) < LEAST_CELLS:
         return None
-    bounds = [EXPLAINED * max(1e-6, float(np.quantile(np.abs(each), 0.25)) / 0.31864) for each in found.residuals]
+    bounds = [EXPLAINED * residual_spread(each) for each in found.residuals]
     explained = _explained(found.residuals, bounds)
     missing = len(channels) - explained
     for aside, along in DECOYS:

@@ -113,28 +113,26 @@ def find_motion(
         followed = _followed(scan, baseline, ground, stable is None, near, lay)
         if followed is not None:
             return followed
-    found = _placed(scan, baseline, ground, stable is None, lay)
-    if found[0].verdict == "good" or not put_back:
-        return found
-    doubtful = found[0].verdict == "doubtful"
-    there = doubtful and stands_out(scan, baseline, found[0].matrix)
-    if there and not _lies_apart(found[0].matrix, baseline.grid):
-        return found
+    motion, held, sure = _placed(scan, baseline, ground, stable is None, lay)
+    if motion.verdict == "good" or not put_back:
+        return motion, held
+    doubtful = motion.verdict == "doubtful"
+    there = doubtful and (sure or stands_out(scan, baseline, motion.matrix))
+    if there and not _lies_apart(motion.matrix, baseline.grid):
+        return motion, held
     # of a video it would be sought each time, seconds long
     sought = near is None or not doubtful
-    start = place_put_back(scan, baseline, found[0].matrix if there else None) if sought else None
+    start = place_put_back(scan, baseline, motion.matrix if there else None) if sought else None
     if start is not None:
         # a tilt moves what is high sideways: the second time there is none left
-        first, _ = _placed(scan, baseline, ground, stable is None, start)
-        again = _placed(scan, baseline, ground, stable is None, first.matrix)
-        better = again[0].residual_mm < found[0].residual_mm if there else stands_out(scan, baseline, again[0].matrix)
-        if again[0].verdict != "failed" and better:
-            return again
-    if doubtful and there is False and found[0].covariance is None:
-        return Motion.failed(
-            found[0].overlap, "nothing of the baseline is found again, where it lay or elsewhere"
-        ), found[1]
-    return found
+        first, *_ = _placed(scan, baseline, ground, stable is None, start)
+        again, still, _ = _placed(scan, baseline, ground, stable is None, first.matrix)
+        better = again.residual_mm < motion.residual_mm if there else stands_out(scan, baseline, again.matrix)
+        if again.verdict != "failed" and better:
+            return again, still
+    if doubtful and there is False and motion.covariance is None:
+        return Motion.failed(motion.overlap, "nothing of the baseline is found again, where it lay or elsewhere"), held
+    return motion, held
 
 
 def _followed(
@@ -156,20 +154,25 @@ def _followed(
     return motion, ground & _widened(held, ground.shape) if sought else ground
 
 
-def _placed(scan: Scan, baseline: Scan, ground: Mask, sought: bool, lay: Matrix) -> tuple[Motion, Mask]:
-    """The motion of a scan that, once it was moved by `lay`, lies within a drift's reach; and the cells held still."""
+def _placed(scan: Scan, baseline: Scan, ground: Mask, sought: bool, lay: Matrix) -> tuple[Motion, Mask, bool]:
+    """The motion of a scan that, once it was moved by `lay`, lies within a drift's reach; and the cells held still.
+
+    Last, whether one shift within reach, and no other, is more alike than chance makes one.
+    """
     grid = baseline.grid
     for _ in range(TURNS):
         laid = _laid(scan, lay, grid)
         overlap = _overlap(laid, ground)
         if overlap < LEAST_OVERLAP:
             told = f"only {overlap:.0%} of the stable cells were measured again"
-            return Motion.failed(overlap, told), np.zeros_like(ground)
+            return Motion.failed(overlap, told), np.zeros_like(ground), False
         drift = lateral_drift(laid, baseline, ground)
         if abs(_turned(drift)) * np.hypot(*grid.shape) / 2 <= TURNED_CELLS:
             break
         lay = _taken_out(drift, grid) @ lay
-    return _levelled(scan, baseline, ground, sought, drift, overlap, lay)
+    motion, held = _levelled(scan, baseline, ground, sought, drift, overlap, lay)
+    sure = np.isfinite(drift.dx_mm) and not drift.ambiguous and drift.conditioning >= LEAST_CONDITIONING
+    return motion, held, bool(sure)
 
 
 def _levelled(

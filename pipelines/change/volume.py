@@ -176,7 +176,8 @@ def volumes(
     if covariance is None:
         still = median(change.lod, use) / Z_95 / 2
     else:
-        still = MAD_TO_SIGMA * median(local_mean(dz, LOCAL_CELLS), stable, about=0.0)
+        everywhere = smooth if number == np.count_nonzero(np.isfinite(dz)) else local_mean(dz, LOCAL_CELLS)
+        still = MAD_TO_SIGMA * median(everywhere, stable, about=0.0)
     sigma = float(np.hypot(random, wall_sigma(dz, use, grid.pitch_mm)))
     quiet = sum(in_slabs(grid.rows, lambda *rows: int(_within(dz, smooth, use, 2 * still, *rows)), least=256))
     # E max(e, 0) = 0.4 sigma for a normal error: what noise adds to both sums where nothing changed

