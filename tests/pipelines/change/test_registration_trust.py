@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -13,6 +14,7 @@ from scipy import ndimage
 
 from pipelines.change import compare, register
 from pipelines.change.drift import lateral_drift
+from storage import read_height_map
 from tests.pipelines.change.scans import bumps, sampled, scan_of, soil_scan
 
 SHAPE = (160, 200)
@@ -82,4 +84,39 @@ def test_what_stands_is_found_on_soil_that_changes(shared_data: Path) -> None:
         np.nanmedian(after.height[~frame] - 0.04 - before.height[~frame])
     )
     print(f"settlement hidden: {1000 * hidden:+.2f} um")
+    assert abs(hidden) <= 0.002
+
+
+def test_what_stands_is_found_on_a_measured_surface_that_changes(shared_data: Path) -> None:
+    """Relief of a GelSight scan and texture of a photographed scene; curl, cracks and settlement of a soil over half."""
+    real = read_height_map(shared_data / "surfaces" / "tmd-1.tmd")
+    pitch, (rows, columns) = real.grid.pitch_mm, real.grid.shape
+    relief = real.height.astype(np.float64)
+    photo = cv2.imread(str(shared_data / "kamino410" / "capture_0" / "graycode_40.png"), cv2.IMREAD_GRAYSCALE)
+    assert photo is not None
+    texture = photo[200 : 200 + rows, 300 : 300 + columns].astype(np.float64)
+    _, _, truth = soil_scan(shared_data, "b", 1)
+    change = (truth["height_t1"] - truth["height_t0"])[::2, ::2][:rows, :columns] - 0.04
+    moving = np.zeros((rows, columns), np.bool_)
+    margin = rows // 7
+    moving[margin:-margin, margin:-margin] = True
+    assert moving.mean() >= 0.5
+    assert np.ptp(change) >= 0.1
+    after = relief + np.where(moving, change, 0.0)
+    shift = -1.35, 2.6  # cells along y and x
+    random = np.random.default_rng(1)
+    seen = [ndimage.shift(each, shift, order=3, mode="nearest") for each in (after, texture)]
+    scans = [
+        scan_of(height + random.normal(0, 0.002, height.shape) + lift, pitch, sigma=0.002, texture=light, hour=hour)
+        for height, light, lift, hour in ((relief, texture, 0.0, 0), (*seen, 0.3, 1))
+    ]
+    found = compare(scans[1], scans[0], ~moving).change
+    x, y, _ = found.motion.shift_mm
+    off = x / pitch + shift[1], y / pitch + shift[0]
+    inside = np.zeros_like(moving)
+    inside[margin + 4 : -margin - 4, margin + 4 : -margin - 4] = True
+    hidden = float(np.nanmean(found.dz[inside]) - change[inside].mean())
+    print(f"{found.motion.verdict}: lateral {off[0]:+.3f}, {off[1]:+.3f} px, settlement hidden {1000 * hidden:+.2f} um")
+    assert found.motion.verdict == "good", found.motion.reason
+    assert max(np.abs(off)) <= 0.1
     assert abs(hidden) <= 0.002
