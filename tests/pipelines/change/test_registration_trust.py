@@ -88,7 +88,7 @@ def test_what_stands_is_found_on_soil_that_changes(shared_data: Path) -> None:
 
 
 def test_what_stands_is_found_on_a_measured_surface_that_changes(shared_data: Path) -> None:
-    """Relief of a GelSight scan and texture of a photographed scene; curl, cracks and settlement of a soil over half."""
+    """Relief of a GelSight scan, texture of a photograph; over more than half a soil's curl, cracks and settlement."""
     real = read_height_map(shared_data / "surfaces" / "tmd-1.tmd")
     pitch, (rows, columns) = real.grid.pitch_mm, real.grid.shape
     relief = real.height.astype(np.float64)
