@@ -13,7 +13,7 @@ from ..slabs import side_by_side
 from .crack_lines import length_sigma
 from .crack_widths import opening_sigma
 from .curl import edge_lift
-from .roughness_metrics import ROUGHNESS_METRICS, forget_roughness
+from .roughness_metrics import ROUGHNESS_METRICS
 from .shared_results import crack_of, cracked, depths_of, forget, openings_of, plates_of, volumes_of
 from .values import Comparison, Measurement, Metric
 
@@ -352,7 +352,6 @@ def measure(comparison: Comparison, names: Iterable[str]) -> dict[str, Measureme
             found |= part
     finally:
         forget()
-        forget_roughness()
     return {name: found[name] for name in wanted}
 
 

@@ -2,42 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from functools import lru_cache
+from collections.abc import Callable
 
-import numpy as np
-
-from .roughness import ROUGHNESS, Filters, height_parameters
+from .roughness import ROUGHNESS
+from .shared_results import roughness_of
 from .values import Comparison, Measurement, Metric
 
-__all__ = ["ROUGHNESS_METRICS", "forget_roughness"]
+__all__ = ["ROUGHNESS_METRICS"]
 
-S_CELLS = 3.0
-"""Nesting index of the S-filter, cells: the finest that the raster carries, as `microrelief roughness` takes it."""
 FOLLOWED = ("Sa", "Sq", "Ssk", "Sku", "Sz")
-
-
-@lru_cache(maxsize=1)
-def _heights(comparison: Comparison) -> Mapping[str, Measurement]:
-    """Of the region's cells, cracks included, within the smallest rectangle that holds them."""
-    region, scan = comparison.region, comparison.scan
-    rows, columns = np.flatnonzero(region.any(axis=1)), np.flatnonzero(region.any(axis=0))
-    if not rows.size:
-        return {}
-    box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-    height = np.where(region[box], scan.height[box], np.float32(np.nan))
-    pitch = scan.grid.pitch_mm
-    return height_parameters(height, pitch, Filters(S_CELLS * pitch, form=1), scan.sigma[box])
-
-
-def forget_roughness() -> None:
-    """Let go of the last comparison: no scan outlives its tick."""
-    _heights.cache_clear()
 
 
 def _parameter(name: str) -> Callable[[Comparison], Measurement]:
     def measure(comparison: Comparison) -> Measurement:
-        return _heights(comparison).get(name, Measurement(float("nan"), float("nan")))
+        return roughness_of(comparison).get(name, Measurement(float("nan"), float("nan")))
 
     return measure
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from threading import Lock
 from typing import Generic, TypeVar
@@ -16,10 +16,14 @@ from .crack_widths import CrackOpenings, crack_openings
 from .cracks import crack_mask
 from .curl import crack_distance
 from .plates import Plate, find_plates
-from .values import Comparison
+from .roughness import Filters, height_parameters
+from .values import Comparison, Measurement
 from .volume import Volumes, volumes
 
-__all__ = ["crack_of", "cracked", "depths_of", "forget", "openings_of", "plates_of", "volumes_of"]
+__all__ = ["crack_of", "cracked", "depths_of", "forget", "openings_of", "plates_of", "roughness_of", "volumes_of"]
+
+S_CELLS = 3.0
+"""Nesting index of the S-filter, cells: the finest that the raster carries, as `microrelief roughness` takes it."""
 
 Given = TypeVar("Given")
 Result = TypeVar("Result")
@@ -84,7 +88,20 @@ def plates_of(comparison: Comparison) -> tuple[Plate, ...]:
     return find_plates(comparison, now, then, cracked(comparison)[1])[1]
 
 
+@_Once
+def roughness_of(comparison: Comparison) -> Mapping[str, Measurement]:
+    """Height parameters of the region's cells, cracks included, within the smallest rectangle that holds them."""
+    region, scan = comparison.region, comparison.scan
+    rows, columns = np.flatnonzero(region.any(axis=1)), np.flatnonzero(region.any(axis=0))
+    if not rows.size:
+        return {}
+    box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+    height = np.where(region[box], scan.height[box], np.float32(np.nan))
+    pitch = scan.grid.pitch_mm
+    return height_parameters(height, pitch, Filters(S_CELLS * pitch, form=1), scan.sigma[box])
+
+
 def forget() -> None:
     """Let go of the last comparison: no scan outlives its tick. The baseline comes back with every scan of an epoch."""
-    for kept in (volumes_of, crack_of, openings_of, depths_of, cracked, plates_of):
+    for kept in (volumes_of, crack_of, openings_of, depths_of, cracked, plates_of, roughness_of):
         kept.forget()
