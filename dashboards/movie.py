@@ -95,11 +95,11 @@ def _look(store: Store, numbers: Sequence[int], title: str, width: int) -> Look:
         if stored.change is not None:
             changes.append(np.abs(stored.change.dz[::4, ::4]))
     known = np.concatenate([each[np.isfinite(each)] for each in heights])
-    low, high = (float(end) for end in np.percentile(known, (1, 99))) if known.size else (-0.5, 0.5)
+    low, high = (float(end) for end in np.percentile(known, (2, 98))) if known.size else (-0.5, 0.5)
     if high - low < 1e-6:
         low, high = low - 0.001, high + 0.001
     moved = np.concatenate([each[np.isfinite(each)] for each in changes]) if changes else np.zeros(0)
-    limit = round_limit(float(np.percentile(moved, 98))) if moved.size else 0.001
+    limit = round_limit(float(np.percentile(moved, 95))) if moved.size else 0.001
     return Look.for_grid(store[numbers[0]].scan.grid, title, width, Range(low, high), limit, bool(changes))
 
 
