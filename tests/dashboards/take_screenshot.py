@@ -114,11 +114,11 @@ class Looker:
     def picture(self, view: str | None = None) -> Picture:
         """Give one view, or the whole window, as (row, column, 3), once two pictures in a row agree."""
         deadline = time.monotonic() + self._patience_s
-        last = self._shot(view, deadline)
+        last = None
         while time.monotonic() < deadline:
-            time.sleep(0.6)
+            time.sleep(0.6)  # before the first one too: it is hardly ever the last, and each costs a frame
             now = self._shot(view, deadline)
-            if now.shape == last.shape and np.array_equal(now, last):
+            if last is not None and np.array_equal(now, last):
                 return now
             last = now
         raise TimeoutError(f"the view {view or 'window'} was still changing after {self._patience_s:g} s")
