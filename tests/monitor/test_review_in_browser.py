@@ -38,7 +38,7 @@ WEBGL = (
     "--js-flags=--liftoff-only",  # a page that lives for seconds need not be compiled twice
 )
 WIDTH, HEIGHT = 900, 560
-COLUMNS = {"surface": (slice(0, 440), 0.1), "maps": (slice(460, 670), 0.1), "trends": (slice(690, 900), 0.002)}
+COLUMNS = {"surface": (slice(0, 440), 0.1), "maps": (slice(460, 670), 0.05), "trends": (slice(690, 900), 0.002)}
 """Where the columns of the preset video lie in such a window, and how much of each is coloured at least."""
 
 MEMORY_LIMIT = 1.5e9
@@ -221,8 +221,8 @@ def test_a_review_of_hundreds_of_scans_stays_within_a_browsers_memory(tmp_path: 
     with reviewing(many, free_ports(2)) as (_, (link,)), looking(tmp_path) as look:
         look.at_both_ends(link)
         held, now = [tab_memory()], look.until(is_filled, "0")
-        for step in range(1, 41):
-            look.go(step / 40)
+        for step in range(1, 21):
+            look.go(step / 20)
             now = look.until(partial(has_moved, before=now), str(step), 20)
             held.append(tab_memory())
         print(f"tab: {held[0] / 1e9:.2f} GB, at most {max(held) / 1e9:.2f} GB at {len(held)} places of 400 scans")
