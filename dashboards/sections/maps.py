@@ -10,7 +10,7 @@ from ..findings import Findings
 from ..maps import Outlines, camera_picture, change_map, height_map, rate_map
 from ..places import Polygon
 from ..quantities import day_and_time, plain
-from ..raster import Range, round_limit
+from ..raster import change_limit, height_ends
 from ..section import Figure, Section
 
 __all__ = ["maps"]
@@ -28,7 +28,7 @@ def maps(findings: Findings) -> Section | None:
     outlines, said = _outlines(findings)
     text += said
     heights = [first, last] if last.number != first.number else [last]
-    span = _height_range([stored.scan.height for stored in heights])
+    span = height_ends(np.concatenate([stored.scan.height.ravel() for stored in heights]))
     figures = [
         Figure(
             height_map(
@@ -52,7 +52,7 @@ def maps(findings: Findings) -> Section | None:
             "away. Spots whose change is smaller than what the scans can tell (their level of detection) stay pale; "
             "the two ends of the scale also stand for more."
         )
-        limit = _change_limit([stored.change.dz for stored in moved if stored.change is not None])
+        limit = change_limit(np.concatenate([each.change.dz.ravel() for each in moved if each.change is not None]))
         for stored in moved:
             change = stored.change
             assert change is not None  # filtered above
@@ -79,9 +79,8 @@ def maps(findings: Findings) -> Section | None:
             f"The map of rates fits a straight line through {rates.scans} well registered scans since the baseline at "
             "each spot; spots whose rate may be chance (95 %) stay pale."
         )
-        known = np.abs(rates.rate[np.isfinite(rates.rate)])
-        limit_per_day = round_limit(float(np.percentile(known, 95)))
-        sure = 100 * float((np.abs(rates.rate) > 1.96 * rates.sigma).sum()) / max(known.size, 1)
+        limit_per_day = change_limit(rates.rate)
+        sure = 100 * float((np.abs(rates.rate) > 1.96 * rates.sigma).sum()) / max(int(np.isfinite(rates.rate).sum()), 1)
         typical = float(np.nanmedian(rates.sigma))
         words = f"Rate per day: {plain(sure, 3)}\N{NO-BREAK SPACE}% of the spots move for certain"
         figures.append(
@@ -108,16 +107,3 @@ def _outlines(findings: Findings) -> tuple[Outlines, list[str]]:
     if counted:
         outlines.append(("region", counted))
     return outlines, said
-
-
-def _height_range(heights: list[np.ndarray]) -> Range:
-    known = np.concatenate([height[np.isfinite(height)] for height in heights])
-    if not known.size:
-        return Range(-0.5, 0.5)
-    low, high = (float(edge) for edge in np.percentile(known, (2, 98)))
-    return Range(low, high) if high > low else Range(low - 0.5, high + 0.5)
-
-
-def _change_limit(changes: list[np.ndarray]) -> float:
-    moved = np.concatenate([np.abs(dz[np.isfinite(dz)]) for dz in changes])
-    return round_limit(float(np.percentile(moved, 95))) if moved.size else 0.001
