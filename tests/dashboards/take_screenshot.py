@@ -114,11 +114,11 @@ class Looker:
     def picture(self, view: str | None = None) -> Picture:
         """Give one view, or the whole window, as (row, column, 3), once two pictures in a row agree."""
         deadline = time.monotonic() + self._patience_s
-        last = None
+        last = self._shot(view, deadline)
         while time.monotonic() < deadline:
-            time.sleep(0.6)  # before the first one too: it is hardly ever the last, and each costs a frame
+            time.sleep(0.6)
             now = self._shot(view, deadline)
-            if last is not None and np.array_equal(now, last):
+            if now.shape == last.shape and np.array_equal(now, last):
                 return now
             last = now
         raise TimeoutError(f"the view {view or 'window'} was still changing after {self._patience_s:g} s")
