@@ -9,6 +9,7 @@ from .comparison import gather_comparison
 from .draw_tracks import read_tracks
 from .findings import Findings, Period, gather, gather_numbers
 from .glance import Glance, glance, newest_picture
+from .happened import known_events
 from .live import LiveReview
 from .movie import MOVIE_SUFFIXES, write_movie
 from .notebook import load_ipython_extension, show
@@ -19,7 +20,7 @@ from .report import SECTIONS, Layout, write_comparison, write_findings, write_re
 from .section import Cell, Figure, Section, Table
 from .shards import Shards, cache_folder, update_shards
 from .verdict import Verdict, judge_findings
-from .viewer import NO_SCREEN, check_ports, has_screen, open_command, open_viewer, serve_web
+from .viewer import NO_SCREEN, behind_proxy, check_ports, has_screen, open_command, open_viewer, serve_web
 
 __all__ = [
     "MOVIE_SUFFIXES",
@@ -39,6 +40,7 @@ __all__ = [
     "Shards",
     "Table",
     "Verdict",
+    "behind_proxy",
     "cache_folder",
     "calibration_page",
     "check_not_empty",
@@ -50,6 +52,7 @@ __all__ = [
     "glance",
     "has_screen",
     "judge_findings",
+    "known_events",
     "load_ipython_extension",
     "newest_picture",
     "open_command",

@@ -124,7 +124,7 @@ def _cracks(layout: Layout) -> Any:
             row_shares=[3, 1.5],
         ),
         rrb.Vertical(
-            map_view(scales, paths.HEIGHT, "Height and cracks, number: mean width", paths.CRACKS),
+            map_view(scales, paths.HEIGHT, "Height and cracks, number: mean width", paths.CRACKS, paths.PLACES),
             map_view(scales, paths.CAMERA, "Camera and cracks", paths.CRACKS, bar=False),
         ),
         rrb.Vertical(
@@ -147,7 +147,7 @@ def _curl(layout: Layout) -> Any:
             row_shares=[3, 1.5],
         ),
         rrb.Vertical(
-            map_view(scales, paths.PLATES, "Plates, number: lift of the rim", bar=paths.CHANGE),
+            map_view(scales, paths.PLATES, "Plates, number: lift of the rim", paths.PLACES, bar=paths.CHANGE),
             *_maps(layout)[: int(scales.change_limit_mm > 0)],
         ),
         rrb.Vertical(
@@ -185,7 +185,7 @@ def _quality(layout: Layout) -> Any:
             row_shares=[3, 2],
         ),
         rrb.Vertical(
-            map_view(scales, paths.SIGMA, "Standard uncertainty, mm: dark is sure"),
+            map_view(scales, paths.SIGMA, "Standard uncertainty, mm: dark is sure", paths.PLACES),
             map_view(scales, paths.LEVEL, "Stripes resolved: 0 the finest, + coarser"),
             map_view(scales, paths.CAMERA, "Camera", bar=False),
         ),
@@ -216,7 +216,7 @@ def _maps(layout: Layout, *, tracks: bool = False) -> list[Any]:
         map_view(layout.scales, paths.CAMERA, "Camera", bar=False),
     ]
     if layout.scales.change_limit_mm > 0:
-        maps.insert(0, map_view(layout.scales, paths.CHANGE, "Change, mm: red lost, blue gained"))
+        maps.insert(0, map_view(layout.scales, paths.CHANGE, "Change, mm: red lost, blue gained", paths.PLACES))
     return maps
 
 

@@ -157,11 +157,12 @@ def trend_svg(trend: Trend, alternative: str) -> str:
     for line in trend.lines:
         if low <= line.value <= high:
             at = y(line.value)
+            place = _name_place(trend.values[measured], line.value)
             parts.append(
                 f'<line class="limit {line.grade}" x1="{_LEFT}" x2="{_WIDTH - _RIGHT}" y1="{at:.1f}" y2="{at:.1f}"/>'
             )
             parts.append(
-                f'<text class="limit-name {line.grade}" x="{_LEFT + 5}" y="{at - 4:.1f}">'
+                f'<text class="limit-name {line.grade}" y="{at - 4:.1f}" {place}>'
                 f"{line.grade} {line.side} {plain(line.value)}</text>"
             )
     for run in _runs(measured, gap_after(trend.times, trend.lost)):
@@ -191,6 +192,13 @@ def trend_svg(trend: Trend, alternative: str) -> str:
             )
     parts.append("</svg>")
     return "".join(parts)
+
+
+def _name_place(known: npt.NDArray[np.float64], limit: float) -> str:
+    """Where a limit's name stands: at the end of its line that lies farther from the values."""
+    if known.size and abs(known[-1] - limit) > abs(known[0] - limit):
+        return f'x="{_WIDTH - _RIGHT - 5}" text-anchor="end"'
+    return f'x="{_LEFT + 5}"'
 
 
 def _range(trend: Trend, measured: npt.NDArray[np.bool_], sigmas: npt.NDArray[np.float64]) -> tuple[float, float]:

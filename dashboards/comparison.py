@@ -12,9 +12,10 @@ from pipelines import Measurement
 from pipelines.change import METRICS, compare, measure
 from storage import Store, scan_table
 
-from .campaign_text import counted_cells, settings_of, stable_cells
+from .campaign_text import settings_of
 from .findings import Findings, Period, quality_of
 from .metric_names import name_metric
+from .places import places_of
 from .region import Region
 
 __all__ = ["gather_comparison"]
@@ -47,8 +48,8 @@ def gather_comparison(store: Store, before: int, after: int, region: Region | No
     if first.number == last.number:
         raise InputError(f"{about.location}: both are scan {first.number}: choose two different ones")
     assert grid is not None  # there are scans
-    settings = settings_of(about.campaign)
-    counted, stable = counted_cells(settings, grid), stable_cells(settings, grid)
+    places = places_of(settings_of(about.campaign))
+    counted, stable = places.counted_cells(grid), places.stable_cells(grid)
     if region is not None:
         counted &= region.cells(grid)
     found = compare(last.scan, first.scan, stable if stable.any() else None, counted, about.noise)
@@ -79,6 +80,7 @@ def gather_comparison(store: Store, before: int, after: int, region: Region | No
         counted=counted,
         period=period,
         region=region,
+        places=places,
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,7 +23,18 @@ from .visits import Visit, visits
 if TYPE_CHECKING:
     import rerun as rr
 
-__all__ = ["log_alarm", "log_event", "log_history", "log_lanes", "log_state", "log_trend_looks", "log_visit", "scan_at"]
+__all__ = [
+    "log_acknowledgements",
+    "log_alarm",
+    "log_alarm_looks",
+    "log_event",
+    "log_history",
+    "log_lanes",
+    "log_state",
+    "log_trend_looks",
+    "log_visit",
+    "scan_at",
+]
 
 Times = npt.NDArray[np.datetime64]
 
@@ -98,6 +109,23 @@ def log_alarm(stream: rr.RecordingStream, name: str, state: str, moment: Instant
     log_state(stream, paths.alarm(name), state, moment, number)
 
 
+def log_alarm_looks(stream: rr.RecordingStream, name: str) -> None:
+    """Log the colours of one alarm's lane."""
+    import rerun as rr
+
+    looks = rr.StateConfiguration(
+        values=[*ALARM_STATES, "acknowledged"],
+        colors=[*(STATE_COLOURS[known] for known in ALARM_STATES), ACKNOWLEDGED],
+    )
+    stream.log(paths.alarm(name), looks, static=True)
+
+
+def log_acknowledgements(stream: rr.RecordingStream, events: Iterable[Event], number: Callable[[Instant], int]) -> None:
+    """Log in an alarm's lane that somebody has seen it; `number` gives the newest scan at a moment."""
+    for seen in acknowledgements(events):
+        log_alarm(stream, seen.name, "acknowledged", seen.time, number(seen.time))
+
+
 def scan_at(moment: Instant, times: Times) -> int:
     """Number of the newest scan at that moment, 0 before the first: where the `scan` timeline shows it."""
     return max(int(np.searchsorted(times, moment, side="right")) - 1, 0)
@@ -113,17 +141,11 @@ def log_state(stream: rr.RecordingStream, path: str, state: str, moment: Instant
 
 def _log_alarms(stream: rr.RecordingStream, table: ScanTable, events: Iterable[Event]) -> None:
     """Log where alarms stand after each scan, and what became of them in between: silence, and acknowledgements."""
-    import rerun as rr
-
     told: dict[str, str] = {}
     for number, states in enumerate(table.alarms):
         for name, state in states.items():
             if name not in told:
-                looks = rr.StateConfiguration(
-                    values=[*ALARM_STATES, "acknowledged"],
-                    colors=[*(STATE_COLOURS[known] for known in ALARM_STATES), ACKNOWLEDGED],
-                )
-                stream.log(paths.alarm(name), looks, static=True)
+                log_alarm_looks(stream, name)
             if told.get(name) != state:
                 told[name] = state
                 log_alarm(stream, name, state, table.times[number], number)
@@ -131,8 +153,7 @@ def _log_alarms(stream: rr.RecordingStream, table: ScanTable, events: Iterable[E
     for change in alarm_changes(events):
         if change.time not in scans:
             log_alarm(stream, change.name, change.after, change.time, scan_at(change.time, table.times))
-    for seen in acknowledgements(events):
-        log_alarm(stream, seen.name, "acknowledged", seen.time, scan_at(seen.time, table.times))
+    log_acknowledgements(stream, events, lambda moment: scan_at(moment, table.times))
 
 
 def _log_trends(

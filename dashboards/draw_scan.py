@@ -1,8 +1,7 @@
-"""Draws scans: what stays for a whole recording once, then surface, maps, picture and facts of each scan."""
+"""Draws scans: surface, maps, picture and facts of each."""
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,47 +11,18 @@ from pipelines import Instant
 from storage import About, Stored
 
 from . import paths
-from .palette import CHANGE_SCALE, HEIGHT_SCALE, LABELS, LEVEL_SCALE, LINES, NOT_MEASURED, Rgb, colour_table
 from .quantities import day_and_time, plain
-from .raster import Range, block_mean, change_png, level_png, texture_jpeg
+from .raster import block_mean, change_png, level_png, texture_jpeg
 from .scales import Scales
-from .surface import surface, triangles
+from .surface import surface
 
 if TYPE_CHECKING:
     import rerun as rr
 
-__all__ = ["LOOKS", "clock_line", "encoded", "log_baseline", "log_frame", "log_scan", "set_times", "to_pixels"]
+__all__ = ["LOOKS", "clock_line", "encoded", "log_baseline", "log_scan", "set_times", "to_pixels"]
 
 LOOKS = "looks"
 """Archetype of the colours that the layout may give a surface instead of those by height."""
-
-
-def log_frame(stream: rr.RecordingStream, scales: Scales) -> None:
-    """Log what does not change: triangles, the drawing scale, colour bars, the looks of maps and lines."""
-    import rerun as rr
-
-    for place in (paths.SURFACE, paths.BASELINE):
-        stream.log(place, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        stream.log(place, rr.Transform3D(scale=[1.0, 1.0, scales.exaggeration]), static=True)
-        joined = triangles(scales.grid, scales.detail.vertices)
-        stream.log(f"{place}/mesh", rr.Mesh3D.from_fields(triangle_indices=joined), static=True)
-    for path, ends in ((paths.HEIGHT, scales.height), (paths.SIGMA, Range(0.0, scales.sigma_limit_mm))):
-        looks = rr.DepthImage.from_fields(
-            meter=1000.0, colormap=rr.components.Colormap.Viridis, depth_range=[ends.low, ends.high]
-        )
-        stream.log(path, looks, static=True)
-        named = rr.AnnotationContext([(0, "measured", (0, 0, 0, 0)), (1, "not measured", NOT_MEASURED)])
-        stream.log(f"{path}/holes", named, static=True)
-        _log_colour_bar(stream, f"{path}/scale", HEIGHT_SCALE, ends, scales)
-    if scales.change_limit_mm > 0:
-        ends = Range(-scales.change_limit_mm, scales.change_limit_mm)
-        _log_colour_bar(stream, f"{paths.CHANGE}/scale", CHANGE_SCALE, ends, scales)
-    _log_level_key(stream, scales)
-    for number, (name, title) in enumerate(_QUALITY.items()):
-        stream.log(f"{paths.QUALITY}/{name}", rr.SeriesLines(names=title, colors=LINES[number], widths=2), static=True)
-
-
-_QUALITY = {"coverage": "measured [%]", "residual": "registration residual [µm]", "sigma": "median sigma [µm]"}
 
 
 def log_scan(stream: rr.RecordingStream, stored: Stored, scales: Scales, about: About) -> None:
@@ -153,43 +123,6 @@ def _log_values(stream: rr.RecordingStream, path: str, cells: npt.NDArray[np.flo
     stream.log(f"{path}/holes", rr.SegmentationImage(np.isnan(shown).astype(np.uint8), opacity=1.0))
 
 
-def _log_colour_bar(stream: rr.RecordingStream, path: str, scale: tuple[Rgb, ...], ends: Range, scales: Scales) -> None:
-    """Draw a colour bar below a map, with its two ends and its middle in mm."""
-    import rerun as rr
-
-    rows, columns = scales.map_shape
-    steps = 64
-    x = np.linspace(0.1 * columns, 0.9 * columns, steps + 1)
-    top, bottom = 1.04 * rows, 1.08 * rows
-    bars = [[[(a + b) / 2, top], [(a + b) / 2, bottom]] for a, b in pairwise(x)]
-    radius = 0.75 * (x[1] - x[0])
-    stream.log(path, rr.LineStrips2D(bars, colors=colour_table(scale, steps), radii=float(radius)), static=True)
-    write = _signed if ends.low < 0 else lambda value: plain(value, 2)
-    words = [write(ends.low), write((ends.low + ends.high) / 2), f"{write(ends.high)} mm"]
-    places = [[at, 1.1 * rows] for at in (x[0], (x[0] + x[-1]) / 2, x[-1])]
-    _log_words(stream, f"{path}/labels", places, words)
-
-
-def _log_level_key(stream: rr.RecordingStream, scales: Scales) -> None:
-    import rerun as rr
-
-    rows, columns = scales.map_shape
-    words = ["0", *(f"+{step}" for step in range(1, len(LEVEL_SCALE) - 1)), f"+{len(LEVEL_SCALE) - 1}…", "none"]
-    x = np.linspace(0.05 * columns, 0.95 * columns, len(words))
-    bars = [[[at - 0.04 * columns, 1.05 * rows], [at + 0.04 * columns, 1.05 * rows]] for at in x]
-    colours = [*LEVEL_SCALE, NOT_MEASURED]
-    path = f"{paths.LEVEL}/scale"
-    stream.log(path, rr.LineStrips2D(bars, colors=colours, radii=0.015 * rows), static=True)
-    _log_words(stream, f"{path}/labels", [[at, 1.1 * rows] for at in x], words)
-
-
-def _log_words(stream: rr.RecordingStream, path: str, places: Any, words: list[str]) -> None:
-    import rerun as rr
-
-    shown = rr.Points2D(places, labels=words, radii=0.0, colors=[LABELS], show_labels=True)
-    stream.log(path, shown, static=True)
-
-
 def _scan_line(stored: Stored) -> str:
     measured = f"scan {stored.number}: {100 * stored.scan.coverage:.1f} % measured"
     if stored.change is None:
@@ -225,7 +158,3 @@ def _facts(stored: Stored, about: About, figures: dict[str, float]) -> str:
     }
     lines = [f"### Scan {stored.number} · {about.site}", "", "| | |", "|---|---|"]
     return "\n".join([*lines, *(f"| {name} | {value} |" for name, value in rows.items())])
-
-
-def _signed(value: float) -> str:
-    return f"{'+' if value > 0 else ''}{plain(value, 2)}"

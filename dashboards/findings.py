@@ -14,9 +14,10 @@ from pipelines import AlarmState, Event, Instant, Measurement, StandingAlarm, fo
 from storage import About, ScanTable, Store, Stored, scan_table
 
 from .alarm_limits import AlarmLimits, alarm_limits
-from .campaign_text import counted_cells, max_lag_hours, settings_of, stable_cells
+from .campaign_text import max_lag_hours, settings_of
 from .happened import known_events
 from .metric_names import Named, name_metric
+from .places import Places, places_of
 from .rates import RateMap, rate_map_of
 from .region import Region, measure_inside
 from .visits import Visit, visits
@@ -90,6 +91,8 @@ class Findings:
     period : Period
     region : Region or None
         Part of the surface that the report is about.
+    places : Places
+        The campaign's polygons.
     rates : RateMap or None
         How fast each place moves.
     max_lag_hours : float
@@ -112,6 +115,7 @@ class Findings:
     counted: npt.NDArray[np.bool_]
     period: Period = field(default_factory=Period)
     region: Region | None = None
+    places: Places = field(default_factory=Places)
     rates: RateMap | None = None
     max_lag_hours: float = 0.0
 
@@ -179,8 +183,9 @@ def gather(
     """
     about, table = store.about, scan_table(store)
     settings, period = settings_of(about.campaign), period or Period()
+    places = places_of(settings)
     inside = _inside(about.location, table.times, period)
-    counted = counted_cells(settings, about.grid) if about.grid is not None else np.zeros((0, 0), np.bool_)
+    counted = places.counted_cells(about.grid) if about.grid is not None else np.zeros((0, 0), np.bool_)
     if region is not None and about.grid is not None:
         counted = counted & region.cells(about.grid)
     last = store[inside[-1]] if inside else None
@@ -198,7 +203,7 @@ def gather(
         quality.append(quality_of(stored))
         if region is not None and about.grid is not None:
             base = first if first is not None and first.number == stored.baseline else store[stored.baseline]
-            still = stable_cells(settings, about.grid)
+            still = places.stable_cells(about.grid)
             anew[number] = measure_inside(base, stored, counted, still, about.metrics, about.noise)
         if number in strip:
             kept[number] = stored
@@ -224,6 +229,7 @@ def gather(
         counted=counted,
         period=period,
         region=region,
+        places=places,
         rates=rate_map_of(store, table, inside),
         max_lag_hours=max_lag_hours(settings),
     )

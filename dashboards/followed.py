@@ -15,6 +15,7 @@ import numpy.typing as npt
 from pipelines import Grid, Scan
 from storage import Stored
 
+from .places import Places
 from .raster import block_mean, shrink_factor
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ def looks_for(metrics: Mapping[str, str]) -> tuple[bool, bool]:
 
 
 def follow(
-    stored: Stored, baseline: Stored | None, before: Followed, region: Mask | None, *, plates: bool
+    stored: Stored, baseline: Stored | None, before: Followed, places: Places, *, plates: bool
 ) -> tuple[Sights, Followed]:
     """Find the cracks and plates of one more scan.
 
@@ -81,8 +82,8 @@ def follow(
         What it was compared with; only looked at where `before` does not hold it.
     before : Followed
         Of the scans before, in their order.
-    region : ndarray of bool, shape (rows, columns), optional
-        Where to look.
+    places : Places
+        The campaign's: cracks are looked for in what counts, not in the seams of a frame.
     plates : bool
         Whether to look for plates.
     """
@@ -90,8 +91,8 @@ def follow(
 
     grid = stored.scan.grid
     factor = shrink_factor(grid.rows, grid.columns, MOST_CELLS)
-    here = None if region is None else region[::factor, ::factor]
     scan = _coarse(stored.scan, factor)
+    here = places.counted_cells(scan.grid) if places.named else None
     change = stored.change
     if change is not None:
         scan = apply_motion(scan, change.motion)

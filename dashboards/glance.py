@@ -14,7 +14,7 @@ from .charts import Trend, trend_svg
 from .maps import change_map, height_map
 from .metric_names import name_metric
 from .quantities import day_and_time, with_uncertainty
-from .raster import Range, round_limit, texture_png
+from .raster import change_limit, height_ends, texture_png
 from .section import Figure
 from .visits import Visit, visits
 
@@ -66,17 +66,12 @@ def newest_picture(store: Store) -> bytes | None:
 
 def _maps(last: Stored) -> tuple[Figure, ...]:
     when = day_and_time(last.scan.time)
-    seen = last.scan.height[np.isfinite(last.scan.height)]
     figures = []
-    if seen.size:
-        low, high = (float(value) for value in np.percentile(seen, (1, 99)))
-        if high - low < 1e-6:
-            low, high = low - 0.001, high + 0.001
-        svg = height_map(last.scan, Range(low, high), f"Height map of scan {last.number}.")
+    if np.isfinite(last.scan.height).any():
+        svg = height_map(last.scan, height_ends(last.scan.height), f"Height map of scan {last.number}.")
         figures.append(Figure(svg, f"Height, scan {last.number}, {when}"))
     if last.change is not None:
-        sizes = np.abs(last.change.dz[np.isfinite(last.change.dz)])
-        limit = round_limit(float(np.percentile(sizes, 99)) if sizes.size else 0.0)
+        limit = change_limit(last.change.dz)
         svg = change_map(last.scan, last.change, limit, f"Change of scan {last.number} since scan {last.baseline}.")
         figures.append(Figure(svg, f"Change since scan {last.baseline}: blue came nearer, red sank away"))
     return tuple(figures)

@@ -10,5 +10,7 @@ __all__ = ["known_events"]
 
 def known_events(store: Store) -> tuple[Event, ...]:
     """Give every event that is known, oldest first."""
-    waiting = [event for _, event in Inbox(store.about.location).waiting()]
-    return tuple(sorted((*store.events, *waiting), key=lambda event: event.time))
+    kept = store.events
+    # one that is being taken in is in both for a moment
+    waiting = [event for _, event in Inbox(store.about.location).waiting() if event not in kept]
+    return tuple(sorted((*kept, *waiting), key=lambda event: event.time))

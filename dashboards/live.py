@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import threading
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import replace
+from types import ModuleType
 
 import numpy as np
 import pandas as pd
@@ -16,11 +18,25 @@ from storage import About, Store, Stored, scan_table
 
 from . import paths
 from .blueprint import Layout, Preset, review_blueprint
+from .campaign_text import settings_of
 from .draw_cracks import log_sights
-from .draw_history import log_alarm, log_event, log_history, log_lanes, log_state, log_trend_looks, log_visit
-from .draw_scan import log_baseline, log_frame, log_scan, set_times
+from .draw_frame import log_frame
+from .draw_history import (
+    log_acknowledgements,
+    log_alarm,
+    log_alarm_looks,
+    log_event,
+    log_history,
+    log_lanes,
+    log_state,
+    log_trend_looks,
+    log_visit,
+)
+from .draw_scan import log_baseline, log_scan, set_times
 from .followed import Followed, follow, looks_for
 from .metric_names import trend_groups
+from .palette import VISIT_COLOURS
+from .places import places_of
 from .record import layout_of
 from .scales import choose_scales, sample, still_fit
 from .visits import Visit
@@ -42,6 +58,21 @@ _PATIENCE_S = 60.0
 """How long the end of a review waits for what is still being drawn."""
 
 
+def _quiet_rerun() -> ModuleType:
+    """Import rerun so that it does not print that a window was closed before all was sent; `trouble` tells the rest.
+
+    It reads what to print from the environment, once, by its import, and nowhere else; whoever imported it before has
+    chosen. The environment is left as it was.
+    """
+    before = os.environ.get("RUST_LOG")
+    os.environ["RUST_LOG"] = before or "error,re_grpc_client=off,re_sdk=off"
+    try:
+        return importlib.import_module("rerun")
+    finally:
+        if before is None:
+            del os.environ["RUST_LOG"]
+
+
 class LiveReview:
     """The review of a campaign or video while it goes on.
 
@@ -61,11 +92,9 @@ class LiveReview:
     """
 
     def __init__(self, address: str, about: About, *, preset: Preset = "overview", interval_s: float = 1.0) -> None:
-        # read once, by the import: that a window was closed before all was sent is no error; `trouble` tells the rest
-        os.environ.setdefault("RUST_LOG", "error,re_grpc_client=off,re_sdk=off")
-        import rerun as rr
-
+        rr = _quiet_rerun()
         self._about, self._preset, self._interval_s = about, preset, interval_s
+        self._places = places_of(settings_of(about.campaign))
         self._layout: Layout | None = None
         self._baseline: Stored | None = None
         self._followed = Followed()
@@ -153,7 +182,8 @@ class LiveReview:
                     self._changed.notify_all()
 
     def _send(self, tick: Tick, number: int) -> None:
-        state = "taken" if tick.scan is not None else next((event.kind for event in tick.events), "failed")
+        ends = [event.kind for event in tick.events if event.kind in VISIT_COLOURS]
+        state = "taken" if tick.scan is not None else next(iter(ends), "" if tick.events else "failed")
         if tick.scan is not None:
             epoch = 0 if self._baseline is None else self._baseline.epoch
             baseline = number if tick.change is None or self._baseline is None else self._baseline.number
@@ -169,9 +199,11 @@ class LiveReview:
             if tick.change is not None:
                 log_state(self._stream, paths.REGISTRATION, tick.change.motion.verdict, tick.scan.time, number)
             self._log_alarms(tick.alarms, tick.scan.time, number)
-        log_visit(self._stream, Visit(tick.planned, state), number)
+        if state:  # a remark is no visit
+            log_visit(self._stream, Visit(tick.planned, state), number)
         for event in tick.events:
             log_event(self._stream, event, number)
+        log_acknowledgements(self._stream, tick.events, lambda moment: number)
         self._stream.flush()
 
     def _rescale(self, newest: Stored, tick: Tick) -> None:
@@ -196,7 +228,7 @@ class LiveReview:
             layout = replace(layout, cracks=False, plates=False)
         self._layout = layout
         self._stream.send_blueprint(review_blueprint(layout, self._preset))
-        log_frame(self._stream, layout.scales)
+        log_frame(self._stream, layout.scales, self._places)
         log_lanes(self._stream)
         log_trend_looks(self._stream, layout.trends)
 
@@ -205,7 +237,8 @@ class LiveReview:
         if not self._layout.cracks:
             return
         set_times(self._stream, stored.scan.time, stored.number)
-        sights, self._followed = follow(stored, self._baseline, self._followed, None, plates=self._layout.plates)
+        plates = self._layout.plates
+        sights, self._followed = follow(stored, self._baseline, self._followed, self._places, plates=plates)
         log_sights(self._stream, sights, self._layout.scales)
 
     def _log_metrics(self, tick: Tick, number: int) -> None:
@@ -220,6 +253,8 @@ class LiveReview:
 
     def _log_alarms(self, states: Mapping[str, str], moment: Instant, number: int) -> None:
         for name, state in states.items():
+            if name not in self._alarms:
+                log_alarm_looks(self._stream, name)
             if self._alarms.get(name) != state:
                 self._alarms[name] = state
                 log_alarm(self._stream, name, state, moment, number)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
+from typing import Literal
 from xml.sax.saxutils import escape
 
 import numpy as np
@@ -12,28 +13,30 @@ import numpy.typing as npt
 from pipelines import Change, Scan
 
 from .palette import CHANGE_SCALE, HEIGHT_SCALE, NOT_MEASURED, Rgb, colour_table, hex_colour
+from .places import Polygon, cut_to
 from .quantities import plain
 from .raster import Range, change_png, height_png, texture_png
 
-__all__ = ["camera_picture", "change_map", "height_map", "rate_map", "scale_bar_mm"]
+__all__ = ["Outlines", "camera_picture", "change_map", "height_map", "rate_map", "scale_bar_mm"]
 
-Outline = Sequence[tuple[float, float]]
+Outlines = Sequence[tuple[Literal["region", "stable"], Polygon]]
+"""Polygons, mm, and what each is: drawn whole, or dashed."""
 
 _WIDTH = 420.0
 _FOOT = 62.0
 _MOST_CELLS = 250_000
 
 
-def height_map(scan: Scan, span: Range, alternative: str, outline: Outline = ()) -> str:
-    """Draw a scan's heights between the two ends of `span`, mm; `outline` is a region's."""
+def height_map(scan: Scan, span: Range, alternative: str, outlines: Outlines = ()) -> str:
+    """Draw a scan's heights between the two ends of `span`, mm, with outlines of places."""
     png, holes = height_png(scan.height, span, _MOST_CELLS), bool(np.isnan(scan.height).any())
-    return _map(png, scan, HEIGHT_SCALE, span, alternative, holes, outline=outline)
+    return _map(png, scan, HEIGHT_SCALE, span, alternative, holes, outlines=outlines)
 
 
-def change_map(scan: Scan, change: Change, limit_mm: float, alternative: str, outline: Outline = ()) -> str:
+def change_map(scan: Scan, change: Change, limit_mm: float, alternative: str, outlines: Outlines = ()) -> str:
     """Draw a scan's change since its baseline from -`limit_mm` to `limit_mm`."""
     png, holes = change_png(change.dz, change.lod, limit_mm, _MOST_CELLS), bool(np.isnan(change.dz).any())
-    return _map(png, scan, CHANGE_SCALE, Range(-limit_mm, limit_mm), alternative, holes, outline=outline)
+    return _map(png, scan, CHANGE_SCALE, Range(-limit_mm, limit_mm), alternative, holes, outlines=outlines)
 
 
 def camera_picture(scan: Scan, alternative: str) -> str:
@@ -47,12 +50,12 @@ def rate_map(
     sigma: npt.NDArray[np.float64],
     limit: float,
     alternative: str,
-    outline: Outline = (),
+    outlines: Outlines = (),
 ) -> str:
     """Draw rates of blocks of a scan's cells, mm per day; those that chance explains at 95 % are pale."""
     png = change_png(rate.astype(np.float32), (1.96 * sigma).astype(np.float32), limit, _MOST_CELLS)
     holes = bool(np.isnan(rate).any())
-    return _map(png, scan, CHANGE_SCALE, Range(-limit, limit), alternative, holes, "mm/d", outline)
+    return _map(png, scan, CHANGE_SCALE, Range(-limit, limit), alternative, holes, "mm/d", outlines)
 
 
 def _map(
@@ -63,7 +66,7 @@ def _map(
     alternative: str,
     holes: bool,
     unit: str = "mm",
-    outline: Outline = (),
+    outlines: Outlines = (),
 ) -> str:
     grid = scan.grid
     height = _WIDTH * grid.rows / grid.columns
@@ -77,10 +80,12 @@ def _map(
         'preserveAspectRatio="none"/>',
         f'<rect class="frame" x="0.5" y="0.5" width="{_WIDTH - 1:g}" height="{height - 1:.1f}"/>',
     ]
-    if outline:
-        x0, y1 = grid.x0_mm - grid.pitch_mm / 2, grid.y0_mm + (grid.rows - 0.5) * grid.pitch_mm
-        points = " ".join(f"{(x - x0) * per_mm:.1f},{(y1 - y) * per_mm:.1f}" for x, y in outline)
-        parts.append(f'<polygon class="outline" points="{points}"/>')
+    x_low, _, _, y_high = grid.extent_mm
+    for kind, polygon in outlines:
+        points = " ".join(f"{(x - x_low) * per_mm:.1f},{(y_high - y) * per_mm:.1f}" for x, y in cut_to(polygon, grid))
+        # light beside dark, so that it is seen on every colour; a picture's colours follow no scheme
+        drawn = f'fill="none" points="{points}"/>'
+        parts += [f'<polygon class="{name}" {drawn}' for name in ("outline-edge", f"outline {kind}")]
     bar_mm = scale_bar_mm(grid.columns * grid.pitch_mm)
     at = height + 16
     bar_end = bar_mm * per_mm

@@ -12,7 +12,7 @@ from configs import InputError, StoreError
 from storage import Store, Stored
 
 from .movie_frame import Look, all_colours, draw_frame
-from .raster import Range, round_limit
+from .raster import change_limit, height_ends
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -93,14 +93,10 @@ def _look(store: Store, numbers: Sequence[int], title: str, width: int) -> Look:
         stored = store[number]
         heights.append(stored.scan.height[::4, ::4])
         if stored.change is not None:
-            changes.append(np.abs(stored.change.dz[::4, ::4]))
-    known = np.concatenate([each[np.isfinite(each)] for each in heights])
-    low, high = (float(end) for end in np.percentile(known, (1, 99))) if known.size else (-0.5, 0.5)
-    if high - low < 1e-6:
-        low, high = low - 0.001, high + 0.001
-    moved = np.concatenate([each[np.isfinite(each)] for each in changes]) if changes else np.zeros(0)
-    limit = round_limit(float(np.percentile(moved, 98))) if moved.size else 0.001
-    return Look.for_grid(store[numbers[0]].scan.grid, title, width, Range(low, high), limit, bool(changes))
+            changes.append(stored.change.dz[::4, ::4])
+    ends = height_ends(np.stack(heights))
+    limit = change_limit(np.stack(changes) if changes else np.zeros(0))
+    return Look.for_grid(store[numbers[0]].scan.grid, title, width, ends, limit, bool(changes))
 
 
 def _mp4(frames: Iterable[Image], out: Path, fps: float) -> None:

@@ -127,7 +127,8 @@ def draw_frame(stored: Stored, baseline: Stored, look: Look, done: float) -> Ima
         _panel(picture, _coloured(dz, ends, CHANGE_SCALE) * light[..., np.newaxis], (left, top), look)
         what = "Change: this is the first scan" if change is None else f"Change after {span(since)}"
         _text(pen, (left, top - round(1.25 * unit)), what, unit, SOFT)
-        _text(pen, (left, foot), "red sank, blue rose", unit, SOFT)
+        _text(pen, (left, foot), "red sank, blue rose,", unit, SOFT)
+        _text(pen, (left, foot + round(1.2 * unit)), "black not measured", unit, SOFT)
         _colour_bar(picture, pen, look, left + across // 2, foot, ends, CHANGE_SCALE)
     line = look.size[1] - round(0.8 * unit)
     pen.line((unit, line, look.size[0] - unit, line), fill=(60, 66, 74), width=max(2, unit // 7))

@@ -13,7 +13,7 @@ from storage import Store, Stored
 
 from .maps import change_map, height_map
 from .quantities import day_and_time, plain, span
-from .raster import Range, round_limit
+from .raster import change_limit, height_ends
 
 __all__ = ["SHOWN", "load_ipython_extension", "show"]
 
@@ -50,14 +50,13 @@ def show(thing: object) -> str:
 
 def _scan(scan: Scan) -> str:
     known = scan.height[np.isfinite(scan.height)]
-    low, high = (float(end) for end in np.percentile(known, (2, 98))) if known.size else (-0.5, 0.5)
-    ends = Range(low, high) if high > low else Range(low - 0.001, high + 0.001)
+    ends = height_ends(known)
     sigma = scan.sigma[np.isfinite(scan.sigma)]
     facts = {
         "Time": day_and_time(scan.time),
         "Grid": _size(scan.grid),
         "Measured": f"{100 * scan.coverage:.1f} % of the cells",
-        "Heights": f"{plain(low, 3)} to {plain(high, 3)} mm (2 to 98 %)" if known.size else "none",
+        "Heights": f"{plain(ends.low, 3)} to {plain(ends.high, 3)} mm (2 to 98 %)" if known.size else "none",
         "Uncertainty": f"{plain(1000 * float(np.median(sigma)), 2)} µm (median)" if sigma.size else "not known",
         "Calibration": scan.calibration_id or "none: from elsewhere",
     }
@@ -65,9 +64,7 @@ def _scan(scan: Scan) -> str:
 
 
 def _change(change: Change, scan: Scan | None = None) -> str:
-    sizes = np.abs(change.dz[np.isfinite(change.dz)])
-    limit = round_limit(float(np.percentile(sizes, 98)) if sizes.size else 0.0)
-    share = 100 * float(change.significant.sum()) / max(sizes.size, 1)
+    share = 100 * float(change.significant.sum()) / max(int(np.isfinite(change.dz).sum()), 1)
     levels = change.lod[np.isfinite(change.lod)]
     facts = {
         "Since": day_and_time(change.baseline_time),
@@ -78,7 +75,9 @@ def _change(change: Change, scan: Scan | None = None) -> str:
         "Registration": f"{change.motion.verdict} {change.motion.reason}".strip(),
     }
     ground = scan if scan is not None else _flat(change)
-    return _shown("Change", facts, change_map(ground, change, limit, "Change map: blue rose, red sank."))
+    return _shown(
+        "Change", facts, change_map(ground, change, change_limit(change.dz), "Change map: blue rose, red sank.")
+    )
 
 
 def _stored(stored: Stored) -> str:

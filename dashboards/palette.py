@@ -23,6 +23,7 @@ __all__ = [
     "LEVEL_SCALE",
     "LINES",
     "NOT_MEASURED",
+    "OUTLINES",
     "STATE_COLOURS",
     "VISIT_COLOURS",
     "colour_table",
@@ -102,6 +103,8 @@ LINES: tuple[Rgb, ...] = (
 )
 """Lines on dark that share one plot, in this order; none has the colour of a warning's or an alarm's limit."""
 
+OUTLINES: Rgb = (255, 255, 255)
+"""Of a campaign's polygons, with black beside it: no map has such a pair."""
 
 LABELS: Rgb = (240, 240, 240)
 """Words on pictures are light, whatever their line's colour: some of those are too dark to be read."""

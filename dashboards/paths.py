@@ -19,6 +19,7 @@ __all__ = [
     "LIMITS",
     "LOG",
     "MAP_PATHS",
+    "PLACES",
     "PLATES",
     "PLATE_LIFTS",
     "PLATE_TABLE",
@@ -51,6 +52,7 @@ CAMERA = "/maps/camera"
 CRACKS = "/maps/cracks"
 PLATES = "/maps/plates"
 MAP_PATHS = "/maps/paths"
+PLACES = "/maps/places"
 CRACK_TABLE = "/tables/cracks"
 PLATE_TABLE = "/tables/plates"
 ABOUT = "/tables/scan"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +17,9 @@ __all__ = [
     "Range",
     "above_detection",
     "block_mean",
+    "change_limit",
     "change_png",
+    "height_ends",
     "height_png",
     "level_png",
     "plates_png",
@@ -143,6 +146,22 @@ def texture_png(texture: npt.NDArray[np.uint8], most: int = 1_000_000) -> bytes:
 
     factor = shrink_factor(texture.shape[0], texture.shape[1], most)
     return _png(Image.fromarray(np.ascontiguousarray(np.flipud(texture[::factor, ::factor]))))
+
+
+def height_ends(heights: npt.NDArray[np.floating[Any]]) -> Range:
+    """Give the ends of a scale of heights, mm: between them lie all but the lowest and the highest 2 % of those known.
+
+    A millimetre around nothing, and around a plane.
+    """
+    known = heights[np.isfinite(heights)]
+    low, high = (float(end) for end in np.percentile(known, (2, 98))) if known.size else (0.0, 0.0)
+    return Range(low, high) if high > low else Range(low - 0.5, high + 0.5)
+
+
+def change_limit(changes: npt.NDArray[np.floating[Any]]) -> float:
+    """Give the end of a scale of changes: a round number within which 95 % of those known are; more would hide them."""
+    known = np.abs(changes[np.isfinite(changes)])
+    return round_limit(float(np.percentile(known, 95)) if known.size else 0.0)
 
 
 def round_limit(value: float) -> float:

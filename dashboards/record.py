@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from configs import InputError, StoreError
 from storage import Store, Stored, scan_table
@@ -19,12 +18,15 @@ from storage import Store, Stored, scan_table
 from . import paths
 from .alarm_limits import alarm_limits
 from .blueprint import Layout, Preset, review_blueprint
+from .campaign_text import settings_of
 from .draw_cracks import log_sights
+from .draw_frame import log_frame
 from .draw_history import log_history
-from .draw_scan import log_baseline, log_frame, log_scan
+from .draw_scan import log_baseline, log_scan
 from .draw_tracks import log_tracks
 from .followed import Followed, follow, looks_for
 from .metric_names import trend_groups
+from .places import Places, places_of
 from .scales import FULL, OVERVIEW, Scales, choose_scales, sample
 
 if TYPE_CHECKING:
@@ -43,7 +45,6 @@ def record_review(
     *,
     preset: Preset = "overview",
     scans: tuple[int, int] | None = None,
-    region: npt.NDArray[np.bool_] | None = None,
     tracks: pd.DataFrame | None = None,
     progress: Progress | None = None,
 ) -> None:
@@ -58,8 +59,6 @@ def record_review(
         What is in front when it opens.
     scans : (int, int), optional
         Only these, the first and the last, and at full resolution.
-    region : ndarray of bool, shape (rows, columns), optional
-        Where to look for cracks.
     tracks : DataFrame, optional
         Paths of what moves on the surface, as `read_tracks` gives them.
     progress : callable, optional
@@ -96,11 +95,12 @@ def record_review(
         # active, not only the default: a viewer that remembers another layout would show that one
         stream.send_blueprint(review_blueprint(layout, preset))
         stream.send_recording_name(store.about.site or paths.APPLICATION)
-        log_frame(stream, layout.scales)
+        places = places_of(settings_of(store.about.campaign))
+        log_frame(stream, layout.scales, places)
         first = store[numbers[0]]
         if first.baseline < first.number:
             log_baseline(stream, store[first.baseline], layout.scales, first.scan.time, first.number)
-        log_scans(stream, store, numbers, layout, Followed(), region, progress)
+        log_scans(stream, store, numbers, layout, Followed(), places, progress)
         log_history(stream, store, layout.trends)
         if tracks is not None:
             log_tracks(stream, tracks, scan_table(store), layout.scales, numbers)
@@ -145,7 +145,7 @@ def log_scans(
     numbers: Sequence[int],
     layout: Layout,
     before: Followed,
-    region: npt.NDArray[np.bool_] | None,
+    places: Places,
     progress: Progress | None = None,
     *,
     followed: frozenset[int] | None = None,
@@ -158,7 +158,7 @@ def log_scans(
         stored = store[number]
         log_scan(stream, stored, layout.scales, store.about)
         if layout.cracks and (followed is None or number in followed):
-            before = log_followed(stream, store, stored, layout, before, region)
+            before = log_followed(stream, store, stored, layout, before, places)
         stream.flush()  # a chunk for each scan: the viewer then fetches those it shows
         if progress is not None:
             progress(done, len(numbers))
@@ -171,12 +171,12 @@ def log_followed(
     stored: Stored,
     layout: Layout,
     before: Followed,
-    region: npt.NDArray[np.bool_] | None,
+    places: Places,
 ) -> Followed:
     """Log the cracks and plates of one scan, whose times are set; give what the next one needs."""
     held = before.baseline is not None and before.baseline[0] == stored.baseline
     baseline = None if held or stored.change is None or not layout.plates else store[stored.baseline]
-    sights, after = follow(stored, baseline, before, region, plates=layout.plates)
+    sights, after = follow(stored, baseline, before, places, plates=layout.plates)
     log_sights(stream, sights, layout.scales)
     return after
 

@@ -11,7 +11,7 @@ import numpy as np
 from pipelines import Grid
 from storage import Store, Stored
 
-from .raster import Range, round_limit, shrink_factor
+from .raster import Range, height_ends, round_limit, shrink_factor
 
 __all__ = ["FULL", "OVERVIEW", "Detail", "Scales", "choose_scales", "sample", "still_fit"]
 
@@ -85,9 +85,7 @@ def sample(store: Store) -> list[Stored]:
 
 def choose_scales(chosen: Sequence[Stored], detail: Detail = OVERVIEW) -> Scales:
     """Choose scales that hold for scans such as some chosen ones, of which the last is the newest."""
-    heights = np.concatenate([_some(stored.scan.height) for stored in chosen])
-    low, high = (float(edge) for edge in np.percentile(heights, (2, 98))) if heights.size else (0.0, 1.0)
-    span = Range(low, high) if high > low else Range(low - 0.5, high + 0.5)
+    span = height_ends(np.concatenate([_some(stored.scan.height) for stored in chosen]))
     moved = max((_moved(stored) for stored in chosen), default=0.0)
     sigmas = np.concatenate([_some(stored.scan.sigma) for stored in chosen])
     grid = chosen[-1].scan.grid

@@ -20,10 +20,12 @@ from storage import Store, only_grown, scan_table, whole_file
 
 from . import paths
 from .blueprint import Layout
+from .campaign_text import settings_of
+from .draw_frame import log_frame
 from .draw_history import log_history
-from .draw_scan import log_frame
 from .draw_tracks import log_tracks
 from .followed import Followed, keep, looks_for, remember
+from .places import Places, places_of
 from .record import Progress, check_not_empty, layout_of, log_scans, recording_id
 from .scales import Scales, choose_scales, sample, still_fit
 
@@ -33,7 +35,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Shards", "cache_folder", "update_shards"]
 
-FORMAT = 2
+FORMAT = 3
 """Grows with what is drawn, and how: shards of another format are made again."""
 
 MOST_A_DAY = 720
@@ -109,7 +111,6 @@ def update_shards(
     store: Store,
     folder: Path,
     *,
-    region: npt.NDArray[np.bool_] | None = None,
     tracks: pd.DataFrame | None = None,
     progress: Progress | None = None,
 ) -> Shards:
@@ -123,8 +124,6 @@ def update_shards(
     store : Store
     folder : Path
         As `cache_folder` gives it; made if it is not there.
-    region : ndarray of bool, shape (rows, columns), optional
-        Where to look for cracks.
     tracks : DataFrame, optional
         Paths of what moves on the surface, as `read_tracks` gives them; drawn anew each time, in a file of their own.
     progress : callable, optional
@@ -144,7 +143,8 @@ def update_shards(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{folder}: the review cannot be kept there: {error.strerror}") from None
-    recipe = _recipe(store, region)
+    places = places_of(settings_of(store.about.campaign))
+    recipe = _recipe(store, places)
     kept = _read(folder)
     good = kept.recipe == recipe and kept.scales is not None and only_grown(store, kept.snapshot)
     scales = kept.scales if good and kept.scales is not None and still_fit(kept.scales, store[len(store) - 1]) else None
@@ -162,7 +162,7 @@ def update_shards(
     if not present or not (folder / _FRAME).exists():
         with _stream(folder / _FRAME, recording) as stream:
             stream.send_recording_name(store.about.site or paths.APPLICATION)
-            log_frame(stream, scales)
+            log_frame(stream, scales, places)
     done = 0
     for day in todo:
         before = _before(folder, days, day)
@@ -172,7 +172,7 @@ def update_shards(
                 if progress is not None:
                     progress(done + count, total)
 
-            after = log_scans(stream, store, day.numbers, layout, before, region, step, followed=day.followed)
+            after = log_scans(stream, store, day.numbers, layout, before, places, step, followed=day.followed)
         if layout.cracks:
             with whole_file(_memory(folder, day.name)) as file:
                 keep(after, file)
@@ -192,14 +192,14 @@ def update_shards(
     return Shards(files | {day.name: _file(folder, day.name) for day in days}, recording, layout, total)
 
 
-def _recipe(store: Store, region: npt.NDArray[np.bool_] | None) -> str:
+def _recipe(store: Store, places: Places) -> str:
     """Name what all shards depend on beside the scans."""
     made_of = [
         FORMAT,
         version("rerun-sdk").rpartition(".")[0],
         recording_id(store),
         looks_for(store.about.metrics),
-        "" if region is None else hashlib.sha256(np.packbits(region).tobytes()).hexdigest(),
+        places.named,
     ]
     return hashlib.sha256(json.dumps(made_of).encode()).hexdigest()[:16]
 

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from urllib.parse import quote
+from urllib.parse import quote, unquote
 
 from configs import InputError, MicroreliefError
 
@@ -21,6 +21,7 @@ __all__ = [
     "LOCAL",
     "MEMORY",
     "NO_SCREEN",
+    "behind_proxy",
     "check_ports",
     "end",
     "free_port",
@@ -170,6 +171,20 @@ def serve_web(source: str | Path, port: int = 9090) -> Iterator[tuple[str, subpr
         yield f"http://{LOCAL}:{port}/?url={quote(address, safe='')}&theme=dark", server
     finally:
         end(server)
+
+
+def behind_proxy(link: str, page: str, data: str) -> str:
+    """Give the link of `serve_web` as it is behind a reverse proxy.
+
+    Parameters
+    ----------
+    link : str
+    page, data : str
+        Where the proxy shows the page, and where the data: ``https://review.example.org``.
+    """
+    source, _, looks = link.partition("?url=")[2].partition("&")
+    place = unquote(source).partition("://")[2].partition("/")[2]
+    return f"{page}/?url={quote(f'rerun+{data}/{place}', safe='')}&{looks}"
 
 
 def start(command: list[str]) -> subprocess.Popen[str]:

@@ -31,6 +31,8 @@ napoleon_use_rtype = False
 napoleon_use_ivar = True
 
 html_theme = "pydata_sphinx_theme"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
 html_title = "microrelief"
 html_show_sourcelink = False
 html_copy_source = False

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dashboards import LiveReview, Preset
+from dashboards import LiveReview, Preset, known_events
 from pipelines import Event, Measurement, Tick
 from storage import Store, open_store, scan_table
 
@@ -79,16 +79,18 @@ def follow_store(opened: Store, path: str | Path, address: str, preset: Preset, 
     interval_s = float(np.median(np.diff(times)) / np.timedelta64(1, "s")) if len(times) > 1 else 60.0
     live = LiveReview(address, opened.about, preset=preset, interval_s=interval_s)
     try:
-        shown, known = live.attach(opened), opened.events
-        snapshot = opened.about.snapshot
+        shown, snapshot = live.attach(opened), opened.about.snapshot
+        told = set(known_events(opened))  # with remarks that wait: they are not told again once they are taken in
         while not ended.wait(min(max(0.5 * interval_s, LOOK_AT_LEAST_S), LOOK_AT_MOST_S)):
             now = open_store(path)
             try:
-                if now.about.snapshot != snapshot:
-                    for tick, number in ticks_since(now, shown, known):
+                events = set(known_events(now))
+                if now.about.snapshot != snapshot or events - told:
+                    for tick, number in ticks_since(now, shown, told):
                         live.show(tick, number)
                         live.wait_until_shown()
-                    shown, known, snapshot = len(now), now.events, now.about.snapshot
+                    shown, snapshot = len(now), now.about.snapshot
+                    told |= events
             finally:
                 now.close()
     finally:
@@ -99,7 +101,7 @@ def ticks_since(store: Store, scans: int, known: Iterable[Event]) -> Iterator[tu
     """Give the visits that came after a store held so many scans and some events, each with its scan's number."""
     table = scan_table(store)
     before = set(known)
-    fresh = [event for event in store.events if event not in before]  # an annotation may be of long ago
+    fresh = [event for event in known_events(store) if event not in before]  # an annotation may be of long ago
     for number in range(scans, len(store)):
         stored = store[number]
         measured = {

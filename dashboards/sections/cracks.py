@@ -34,20 +34,20 @@ def cracks(findings: Findings) -> Section | None:
     more = f"; the longest {len(shown)} of {len(now)}" if len(shown) < len(now) else ""
     head = (
         "Crack",
-        term("crack-length", "Length"),
-        term("crack-width", "Width"),
-        term("crack-widest"),
-        term("crack-depth", "Depth"),
-        term("crack-volume", "Volume"),
+        term("crack-length", "Length, mm"),
+        term("crack-width", "Width, mm"),
+        term("crack-widest", "Widest, mm"),
+        term("crack-depth", "Depth, mm"),
+        term("crack-volume", "Volume, mm³"),
         term("crack-seen"),
-        "Wider by",
-        "Longer by",
+        "Wider, mm",
+        "Longer, mm",
     )
     rows = tuple(_row(each, known.get(each.identity)) for each in shown)
     text = (
-        "A crack keeps its number within this report; `microrelief cracks` follows each through every scan, with its "
-        "tips. Wider and longer are since the baseline. Depth and volume are at least so large: they count where the "
-        "floor was seen.",
+        "A crack keeps its number within this report; the command “microrelief cracks” follows each through every "
+        "scan, with its tips. Wider and longer are since the baseline. Depth and volume are at least so large: they "
+        "count where the floor was seen.",
     )
     table = Table(f"Cracks of scan {last.number}{more}", head, rows, numeric=tuple(range(len(head))))
     return Section("cracks", "Cracks", text=text, tables=(table,))
@@ -58,11 +58,11 @@ def _row(crack: CrackSighting, before: CrackSighting | None) -> tuple[str, ...]:
     old = before.size if before is not None else None
     return (
         str(crack.identity),
-        with_uncertainty(size.length, "mm"),
-        with_uncertainty(size.width, "mm"),
-        f"{plain(size.width_max_mm, 3)} mm" if math.isfinite(size.width_max_mm) else "not measured",
-        with_uncertainty(size.depth, "mm"),
-        with_uncertainty(size.volume, "mm3"),
+        with_uncertainty(size.length),
+        with_uncertainty(size.width),
+        plain(size.width_max_mm, 3) if math.isfinite(size.width_max_mm) else "not measured",
+        with_uncertainty(size.depth),
+        with_uncertainty(size.volume),
         f"{100 * size.seen:.0f} %",
         _since(size.width, old.width if old is not None else None),
         _since(size.length, old.length if old is not None else None),
@@ -73,4 +73,4 @@ def _since(now: Measurement, before: Measurement | None) -> str:
     if before is None:
         return "new"
     grown = Measurement(now.value - before.value, math.hypot(now.sigma, before.sigma))
-    return with_uncertainty(grown, "mm")
+    return with_uncertainty(grown)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 
 from ..findings import Findings
-from ..maps import camera_picture, change_map, height_map, rate_map
+from ..maps import Outlines, camera_picture, change_map, height_map, rate_map
+from ..places import Polygon
 from ..quantities import day_and_time, plain
-from ..raster import Range, round_limit
+from ..raster import change_limit, height_ends
 from ..section import Figure, Section
 
 __all__ = ["maps"]
@@ -22,15 +25,14 @@ def maps(findings: Findings) -> Section | None:
         "Seen from the camera, x to the right and y upwards. In a height map dark is low and yellow is high, in mm "
         "above the reference plane."
     ]
-    outline = findings.region.corners if findings.region is not None else ()
-    if outline:
-        text.append("The outline is the region that this report is about.")
+    outlines, said = _outlines(findings)
+    text += said
     heights = [first, last] if last.number != first.number else [last]
-    span = _height_range([stored.scan.height for stored in heights])
+    span = height_ends(np.concatenate([stored.scan.height.ravel() for stored in heights]))
     figures = [
         Figure(
             height_map(
-                stored.scan, span, f"Height map of scan {stored.number}, {day_and_time(stored.scan.time)}.", outline
+                stored.scan, span, f"Height map of scan {stored.number}, {day_and_time(stored.scan.time)}.", outlines
             ),
             f"Height, scan {stored.number}{' (baseline)' if stored.number == first.number else ''}, "
             f"{day_and_time(stored.scan.time)}",
@@ -50,7 +52,7 @@ def maps(findings: Findings) -> Section | None:
             "away. Spots whose change is smaller than what the scans can tell (their level of detection) stay pale; "
             "the two ends of the scale also stand for more."
         )
-        limit = _change_limit([stored.change.dz for stored in moved if stored.change is not None])
+        limit = change_limit(np.concatenate([each.change.dz.ravel() for each in moved if each.change is not None]))
         for stored in moved:
             change = stored.change
             assert change is not None  # filtered above
@@ -65,7 +67,7 @@ def maps(findings: Findings) -> Section | None:
                         change,
                         limit,
                         f"{words}: {plain(share, 3)}\N{NO-BREAK SPACE}% of the cells changed.",
-                        outline,
+                        outlines,
                     ),
                     f"{words}: {plain(share, 3)}\N{NO-BREAK SPACE}% of the cells changed by more than "
                     f"their level of detection (median {plain(1000 * lod, 2)} µm)",
@@ -77,28 +79,31 @@ def maps(findings: Findings) -> Section | None:
             f"The map of rates fits a straight line through {rates.scans} well registered scans since the baseline at "
             "each spot; spots whose rate may be chance (95 %) stay pale."
         )
-        known = np.abs(rates.rate[np.isfinite(rates.rate)])
-        limit_per_day = round_limit(float(np.percentile(known, 95)))
-        sure = 100 * float((np.abs(rates.rate) > 1.96 * rates.sigma).sum()) / max(known.size, 1)
+        limit_per_day = change_limit(rates.rate)
+        sure = 100 * float((np.abs(rates.rate) > 1.96 * rates.sigma).sum()) / max(int(np.isfinite(rates.rate).sum()), 1)
         typical = float(np.nanmedian(rates.sigma))
         words = f"Rate per day: {plain(sure, 3)}\N{NO-BREAK SPACE}% of the spots move for certain"
         figures.append(
             Figure(
-                rate_map(last.scan, rates.rate, rates.sigma, limit_per_day, f"{words}.", outline),
+                rate_map(last.scan, rates.rate, rates.sigma, limit_per_day, f"{words}.", outlines),
                 f"{words} (standard uncertainty {plain(1000 * typical, 2)} µm per day in the median)",
             )
         )
     return Section("maps", "Height and change maps", text=tuple(text), figures=tuple(figures))
 
 
-def _height_range(heights: list[np.ndarray]) -> Range:
-    known = np.concatenate([height[np.isfinite(height)] for height in heights])
-    if not known.size:
-        return Range(-0.5, 0.5)
-    low, high = (float(edge) for edge in np.percentile(known, (2, 98)))
-    return Range(low, high) if high > low else Range(low - 0.5, high + 0.5)
-
-
-def _change_limit(changes: list[np.ndarray]) -> float:
-    moved = np.concatenate([np.abs(dz[np.isfinite(dz)]) for dz in changes])
-    return round_limit(float(np.percentile(moved, 95))) if moved.size else 0.001
+def _outlines(findings: Findings) -> tuple[Outlines, list[str]]:
+    """Give the polygons that are drawn on maps, and what is to be said of them."""
+    places, asked = findings.places, findings.region
+    counted = asked.corners if asked is not None else places.region
+    said = []
+    if asked is not None:
+        said.append("The outline is the region that this report is about.")
+    elif counted:
+        said.append("The outline is the campaign's region: what lies inside counts in its metrics.")
+    if places.stable:
+        said.append("Dashed lines go around what holds still, by which scans are laid on each other.")
+    outlines: list[tuple[Literal["region", "stable"], Polygon]] = [("stable", each) for each in places.stable]
+    if counted:
+        outlines.append(("region", counted))
+    return outlines, said

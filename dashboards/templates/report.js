@@ -58,9 +58,9 @@
     const pen = chart.ctx, box = chart.bbox, ratio = devicePixelRatio || 1;
     pen.save();
     pen.font = `${11 * ratio}px system-ui, sans-serif`;
-    pen.textAlign = "left";
     pen.textBaseline = "alphabetic";
     pen.lineWidth = 1.4 * ratio;
+    const known = plot.values.filter((value) => value !== null);
     for (const [grade, side, value] of plot.lines) {
       const y = chart.valToPos(value, "y", true);
       if (y < box.top || y > box.top + box.height) continue;
@@ -70,7 +70,10 @@
       pen.moveTo(box.left, y);
       pen.lineTo(box.left + box.width, y);
       pen.stroke();
-      pen.fillText(`${grade} ${side} ${short(value)}`, box.left + 5 * ratio, y - 4 * ratio);
+      // its name at the end that lies farther from the line
+      const right = Math.abs(known[known.length - 1] - value) > Math.abs(known[0] - value);
+      pen.textAlign = right ? "right" : "left";
+      pen.fillText(`${grade} ${side} ${short(value)}`, box.left + (right ? box.width - 5 * ratio : 5 * ratio), y - 4 * ratio);
     }
     pen.setLineDash([]);
     pen.strokeStyle = colour("--red");

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import sys
 import tempfile
@@ -17,6 +18,7 @@ from configs import InputError, MicroreliefError
 from dashboards import (
     NO_SCREEN,
     Preset,
+    behind_proxy,
     check_not_empty,
     check_ports,
     has_screen,
@@ -30,7 +32,7 @@ from storage import Store, open_store
 
 from ..live_review import Follower
 from ..progress import progress
-from ..reviewing import crack_region, served_review
+from ..reviewing import served_review
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -49,6 +51,7 @@ def review(
     save: Path | None = None,
     port: int | None = None,
     origin: str = "",
+    data_origin: str = "",
 ) -> int:
     """Look at every scan of a store on a timeline: surface, maps, trends, alarms, log.
 
@@ -76,6 +79,8 @@ def review(
         Port of the web page, 9090 if none is given, or of the viewer.
     origin
         With --web behind a reverse proxy: the address that the page has there, such as https://review.example.org.
+    data_origin
+        Likewise that of the data, such as https://review-data.example.org: the link from elsewhere is printed too.
 
     Examples
     --------
@@ -88,6 +93,8 @@ def review(
     alone = {"--save": save, "--scans": scans, "--paths": tracks}
     if follow and (other := next((name for name, given in alone.items() if given is not None), "")):
         raise InputError(f"--follow and {other} exclude each other: choose one")
+    origin, data_origin = origin.rstrip("/"), data_origin.rstrip("/")
+    behind = _proxied(origin, data_origin, web=web and not follow and scans is None)
     if not web and save is None and not has_screen():
         raise MicroreliefError(NO_SCREEN)
     chosen = None if scans is None else _range(scans)
@@ -107,7 +114,7 @@ def review(
                 _follow(opened, store, preset, page if web else port, web=web)
             else:
                 with _source(opened, preset, chosen, moving, page + 1 if web else None, origin) as source:
-                    _show(source, page if web else port, web=web)
+                    _show(source, page if web else port, behind, web=web)
     except KeyboardInterrupt as told:
         if not isinstance(told, _Terminated):
             print("stopped", file=sys.stderr)
@@ -142,20 +149,33 @@ def _source(
 def _record(
     store: Store, file: Path, preset: Preset, chosen: tuple[int, int] | None, tracks: pd.DataFrame | None
 ) -> None:
-    region = crack_region(store)
     with progress("recording scans") as step:
-        record_review(store, file, preset=preset, scans=chosen, region=region, tracks=tracks, progress=step)
+        record_review(store, file, preset=preset, scans=chosen, tracks=tracks, progress=step)
 
 
-def _show(source: str | Path, port: int | None, *, web: bool) -> None:
+def _show(source: str | Path, port: int | None, behind: tuple[str, str] | None, *, web: bool) -> None:
     if not web:
         open_viewer(source, port)
         return
     assert port is not None
     with serve_web(source, port) as (link, server):
         print(f"review at {link} (Ctrl-C ends it)", flush=True)
+        if behind is not None:
+            print(f"from elsewhere at {behind_proxy(link, *behind)}", flush=True)
         code = server.wait()
     raise MicroreliefError(f"the review server ended by itself with code {code}: start it again")
+
+
+def _proxied(page: str, data: str, *, web: bool) -> tuple[str, str] | None:
+    """Read where a reverse proxy shows page and data; None where the link is not asked for."""
+    for option, given in (("--origin", page), ("--data-origin", data)):
+        if given and not web:
+            raise InputError(f"{option} is for --web, without --follow and --scans")
+        if given and not re.fullmatch(r"https?://[^/\s]+", given):
+            raise InputError(f"{option} {given}: give an address without a path, such as https://review.example.org")
+    if data and not page:
+        raise InputError("--data-origin needs --origin, the address of the page, which may then read the data")
+    return (page, data) if data else None
 
 
 def _follow(opened: Store, path: str, preset: Preset, port: int | None, *, web: bool) -> None:

@@ -17,7 +17,7 @@ from dashboards import LiveReview
 from dashboards.live import WAITING
 from dashboards.viewer import LOCAL, end, free_port, start, viewer_program, wait_until_listening
 from monitor.live_review import ticks_since
-from pipelines import Event, Measurement, Tick
+from pipelines import Acknowledgement, Event, Measurement, Tick
 
 from .drying import UNITS, DryingStore, drying_store
 
@@ -62,6 +62,22 @@ def logged(file: Path) -> dict[str, list[int]]:
     return found
 
 
+def states(file: Path, lane: str) -> list[str]:
+    """What a lane says, by time."""
+    from rerun.chunk import RrdReader
+
+    told: list[tuple[str, str]] = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for chunk in RrdReader(file).stream():
+            columns = chunk.to_record_batch().to_pydict()
+            if str(chunk.entity_path) == lane and "StateChange:state" in columns:
+                told += zip(
+                    map(str, columns["time"]), (state for (state,) in columns["StateChange:state"]), strict=True
+                )
+    return [state for _, state in sorted(told)]
+
+
 def ticks(store: DryingStore) -> list[tuple[Tick, int]]:
     """The visits of a store as they were handed over."""
     return list(ticks_since(store, 0, store.events))
@@ -75,7 +91,11 @@ def test_a_late_review_begins_with_what_is_there_and_goes_on(tmp_path: Path) -> 
         assert live.attach(early) == 4
         for tick, number in ticks(whole)[4:]:
             live.show(tick, number)
-        live.show(Tick(whole.scans[-1].planned + np.timedelta64(1, "h"), events=(_lost(whole),)), 5)
+        later = [whole.scans[-1].planned + np.timedelta64(hour, "h") for hour in (1, 2, 3)]
+        seen_by = Acknowledgement(later[1], "crack opening", "Ann").event
+        for event in (Event(later[0], "failed", "no light"), seen_by, Event(later[2], "annotation", "watered")):
+            live.show(Tick(event.time, events=(event,)), 5)
+            live.wait_until_shown()
         live.close()
         assert (live.left_out, live.trouble) == (0, "")
     seen = logged(tmp_path / "live.rrd")
@@ -84,7 +104,8 @@ def test_a_late_review_begins_with_what_is_there_and_goes_on(tmp_path: Path) -> 
     assert sorted(set(seen["/trends/net_volume"])) == [0, 1, 2, 3, 4, 5]
     assert seen["/baseline/mesh"] == [0]
     assert sorted(set(seen["/cracks/1"])) == [3, 4, 5]
-    assert sorted(seen["/visits"])[-1] == 5
+    assert states(tmp_path / "live.rrd", "/visits")[-2:] == ["taken", "failed"], "a remark is no visit"
+    assert states(tmp_path / "live.rrd", "/alarm/crack_opening")[-2:] == ["alarm", "acknowledged"]
 
 
 def test_a_video_is_shown_from_its_first_scan_without_cracks(tmp_path: Path) -> None:
@@ -130,7 +151,3 @@ def test_visits_since_are_told_with_their_events_and_measurements() -> None:
         whole.events[1].kind,
         *(event.kind for event in whole.events[3:]),
     ]
-
-
-def _lost(store: DryingStore) -> Event:
-    return Event(store.scans[-1].planned + np.timedelta64(1, "h"), "failed", "no light")

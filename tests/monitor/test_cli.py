@@ -6,7 +6,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 from importlib.resources import files
 from pathlib import Path
 
@@ -18,7 +17,6 @@ from monitor.cli import COMMANDS, main, run_tokens
 from monitor.clock import AcceleratedClock
 from monitor.standing import look
 from pipelines import instant
-from storage import Ledger, ledger_beside
 
 from .campaigns import BASE, Rig, campaign_in, work
 
@@ -210,30 +208,3 @@ def test_status_of_what_is_no_store(tmp_path: Path, capsys: Capture) -> None:
     assert run_tokens(["status", str(tmp_path)]) == 1
     assert run_tokens(["status", str(tmp_path / "nothing.icechunk")]) == 1
     assert len(capsys.readouterr().err.splitlines()) == 2
-
-
-def test_scan_and_status_on_the_simulated_rig(tmp_path: Path, capsys: Capture) -> None:
-    """One scan through rig, calibration, reconstruction and store, by the command line alone."""
-    file = tmp_path / "site.yaml"
-    file.write_text(
-        "site: {name: small}\n"
-        "store: {path: small.icechunk}\n"
-        "rig: {name: simulated, options: {camera: [480, 360]}}\n"
-        "schedule: {every: 6 h}\n"
-        "calibration: {simulated: true}\n"
-        "grid: {pitch_mm: 0.05}\n",
-        encoding="utf-8",
-    )
-    for number in (0, 1):
-        began = time.time()
-        assert run_tokens(["scan", str(file)]) == 0
-        lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("committed")]
-        assert len(lines) == 1
-        word, scan, count, moment = lines[0].split()
-        assert (word, scan, count) == ("committed", "scan", str(number))
-        taken = np.datetime64(moment.removesuffix("Z"), "s").astype(int)
-        assert began - 1 <= taken <= time.time() + 1
-    assert run_tokens(["status", str(file)]) == 0
-    ledger = Ledger(ledger_beside(tmp_path / "small.icechunk"), write=False)
-    assert [row.state for row in ledger.rows()] == ["taken", "taken"]
-    ledger.close()

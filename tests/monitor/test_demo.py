@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import shutil
+import time
 from pathlib import Path
 from threading import Event as Flag
 
@@ -54,6 +57,25 @@ def test_leaves_a_store_a_review_and_a_report(folder: Path) -> None:
     ]
     assert not [event for event in store.events if event.kind in ("failed", "missed", "rejected")]
     store.close()
+
+
+def test_scan_and_status_go_on_from_there(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Scans through rig, calibration, reconstruction and store, by the command line alone."""
+    site = shutil.copytree(folder, tmp_path / "site")
+    capsys.readouterr()
+    for number in (3, 4):
+        began = time.time()
+        assert run_tokens(["scan", str(site / "demo.yaml")]) == 0
+        (line,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("committed")]
+        word, scan, count, moment = line.split()
+        assert (word, scan, count) == ("committed", "scan", str(number))
+        taken = np.datetime64(moment.removesuffix("Z"), "s").astype(int)
+        assert began - 1 <= taken <= time.time() + 1
+    assert run_tokens(["status", str(site / "demo.yaml"), "--json"]) in (0, 4)
+    assert json.loads(capsys.readouterr().out)["scans"] == 5
+    ledger = Ledger(ledger_beside(site / "demo.icechunk"), write=False)
+    assert [row.state for row in ledger.rows()][-2:] == ["taken", "taken"]
+    ledger.close()
 
 
 def test_the_rig_was_calibrated_from_its_frames(folder: Path) -> None:

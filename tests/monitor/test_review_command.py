@@ -3,27 +3,20 @@
 from __future__ import annotations
 
 import json
-import signal
 import socket
-import subprocess
 import sys
-import time
-import urllib.request
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-import psutil
 import pytest
-from PIL import Image
 
+from dashboards import behind_proxy
 from monitor.cli import main
 from storage import open_store
-from tests.chromium import PROGRAM, chromium
 from tests.dashboards.drying import DryingStore, drying_store
 from tests.dashboards.filled_store import fill_store
-from tests.dashboards.take_screenshot import Picture, coloured, moved, pixels
 
 
 @pytest.fixture(scope="module")
@@ -116,26 +109,28 @@ def test_a_review_that_cannot_be_written_is_said_in_one_line(store: Path, run: R
         assert why in one_line(ended)
 
 
-def test_what_was_drawn_is_kept_beside_the_store(store: Path) -> None:
-    """After the web review of another test, or of this one's own."""
-    from dashboards import cache_folder
-    from storage import open_store
-
-    assert cache_folder(open_store(store)) == store.with_name("plot.review")
-
-
 @pytest.mark.parametrize(
     ("options", "says"),
     [
         (("--follow", "--save", "r.rrd"), "--follow and --save exclude each other"),
         (("--scans", "a:b", "--save", "r.rrd"), "--scans a:b: give two numbers"),
         (("--scans", "7:9", "--save", "r.rrd"), "has no scans 7 to 9"),
+        (("--origin", "https://a.org", "--save", "r.rrd"), "--origin is for --web"),
+        (("--web", "--follow", "--origin", "https://a.org"), "--origin is for --web, without --follow"),
+        (("--web", "--origin", "https://a.org/review"), "give an address without a path"),
+        (("--web", "--data-origin", "https://a.org/"), "--data-origin needs --origin"),
     ],
 )
 def test_options_that_make_no_sense_are_refused(options: tuple[str, ...], says: str, store: Path, run: Run) -> None:
     ended = run("review", store, *options)
     assert ended.returncode == 2
     assert says in one_line(ended)
+
+
+def test_the_link_behind_a_proxy_names_its_addresses_in_the_place_of_ours() -> None:
+    here = "http://127.0.0.1:9090/?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A9091%2Fdataset%2Fd1%3Fsegment_id%3Dp&theme=dark"
+    there = "https://a.org/?url=rerun%2Bhttps%3A%2F%2Fdata.a.org%2Fdataset%2Fd1%3Fsegment_id%3Dp&theme=dark"
+    assert behind_proxy(here, "https://a.org", "https://data.a.org") == there
 
 
 def test_web_and_save_exclude_each_other(store: Path, run: Run) -> None:
@@ -160,82 +155,6 @@ def test_a_busy_port_is_said_in_one_line(store: Path, run: Run) -> None:
     assert ended.returncode == 1
     assert f"port {port} cannot be used" in one_line(ended)
     assert "--port" in one_line(ended)
-
-
-def two_free_ports() -> int:
-    """The first of two neighbouring ports on which nothing listens now."""
-    for _ in range(50):
-        with socket.socket() as first, socket.socket() as second:
-            first.bind(("127.0.0.1", 0))
-            port: int = first.getsockname()[1]
-            try:
-                second.bind(("127.0.0.1", port + 1))
-            except OSError:
-                continue
-            return port
-    raise AssertionError("no two free ports side by side")
-
-
-WEBGL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
-COLUMNS = {"surface": (slice(0, 440), 0.1), "maps": (slice(460, 670), 0.1), "trends": (slice(690, 900), 0.002)}
-"""Where the columns of the preset video lie in a window of 900 pixels, and how much of each is coloured at least."""
-
-
-def is_filled(picture: Picture) -> bool:
-    """Whether every column of the preset video shows something."""
-    return all(coloured(picture[:, at]) >= least for at, least in COLUMNS.values())
-
-
-def at_both_ends(link: str, folder: Path) -> tuple[Picture, Picture]:
-    """Open a review in Chromium: what it shows of the newest scan once it has drawn all, and of the first."""
-    with chromium(*WEBGL) as browser:
-        page = browser.new_page(viewport={"width": 900, "height": 560})
-        page.set_default_timeout(180_000)
-
-        def until(shown: Callable[[Picture], bool], name: str) -> Picture:
-            deadline = time.monotonic() + 90
-            while not shown(picture := pixels(page.screenshot())) and time.monotonic() < deadline:
-                page.wait_for_timeout(500)
-            Image.fromarray(picture).save(folder / name)
-            return picture
-
-        page.goto(f"{link}&renderer=webgl")
-        last = until(is_filled, "last.png")
-        page.mouse.click(285, 547)  # the beginning of the time line, which takes the focus first
-        page.mouse.click(285, 547)
-        at = COLUMNS["surface"][0]
-        first = until(lambda now: is_filled(now) and moved(now[:, at], last[:, at]) > 0.01, "first.png")
-    return last, first
-
-
-def test_the_web_review_listens_on_this_machine_alone_is_filled_and_ends_with_us(store: Path, tmp_path: Path) -> None:
-    port = two_free_ports()
-    command = [sys.executable, "-m", "monitor.cli", "review", str(store), "--web", "--port", str(port)]
-    command += ["--preset", "video"]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as reviewing:
-        assert reviewing.stdout is not None
-        try:
-            line = reviewing.stdout.readline()
-            assert f"http://127.0.0.1:{port}/" in line
-            servers = psutil.Process(reviewing.pid).children()
-            sockets = [one for server in servers for one in server.net_connections() if one.status == "LISTEN"]
-            listening = {(one.laddr.ip, one.laddr.port) for one in sockets}
-            assert listening == {("127.0.0.1", port), ("127.0.0.1", port + 1)}
-            with urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=20) as page:
-                assert b"<html" in page.read().lower()
-            if PROGRAM is not None:
-                last, first = at_both_ends(line.split()[2], tmp_path)
-                assert is_filled(last)
-                assert is_filled(first)
-                assert moved(last[:, COLUMNS["surface"][0]], first[:, COLUMNS["surface"][0]]) > 0.01
-            reviewing.send_signal(signal.SIGTERM)
-            assert reviewing.wait(timeout=20) == 0
-            assert not any(server.is_running() for server in servers)
-        finally:
-            if reviewing.poll() is None:
-                reviewing.kill()
-    if PROGRAM is None:
-        pytest.skip("what it shows needs a browser: apt-get install chromium")
 
 
 def logged(file: Path, path: str) -> list[str]:
