@@ -9,7 +9,7 @@ from pathlib import Path
 from configs import Campaign, CampaignFile, InputError
 
 from ..campaign import run_campaign
-from ..check import load_checked
+from ..check import load_scheduled
 from ..clock import RealClock
 from ..companions import Companion
 from ..forecast import forecast_lines
@@ -59,7 +59,7 @@ def run(
     """
     if max_scans is not None and max_scans < 1:
         raise InputError(f"--max-scans must be at least 1, not {max_scans}")
-    file = load_checked(campaign)
+    file = load_scheduled(campaign)
     if dry_run:
         for line in forecast_lines(file.campaign, RealClock().now()):
             print(line)
@@ -89,7 +89,7 @@ def scan(campaign: Path) -> int:
     --------
     microrelief scan soil.yaml
     """
-    file = load_checked(campaign)
+    file = load_scheduled(campaign)
     ended: list[Settled] = []
     set_up_log()
     with Teller(file.campaign) as teller:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import re
-import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +13,8 @@ import pytest
 from configs import Area, CaptureError, DeviceUnavailable, InputError
 from monitor.cli import run_tokens
 from monitor.rigs import SimulatedStage
-from monitor.tiles import TileScan, plan_tiles
+from monitor.tile_folder import TileFolder
+from monitor.tiles import TileWalk, plan_tiles
 from pipelines import Frames, Instant, PatternSet, parse_instant
 from storage import read_height_map, read_stage
 
@@ -76,58 +76,48 @@ class Rig:
 
 
 @pytest.fixture
-def scan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> TileScan:
-    monkeypatch.setattr("monitor.tiles.remarks", lambda frames: ())  # black frames of a stand-in
+def scan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> TileFolder:
+    monkeypatch.setattr("monitor.tile_folder.remarks", lambda frames: ())  # black frames of a stand-in
     where = area(x_mm=[0.0, 8.0], y_mm=[0.0, 0.0], tries=2, axes=("-x", "y"))
     tiles = plan_tiles(where, (4.0, 4.0))
     assert len(tiles) == 4
-    waited: list[float] = []
-    return TileScan(where, tiles, Rig(), SimulatedStage(), SMALL, tmp_path, lambda: NOW, waited.append)
+    walk = TileWalk(where, Rig(), SimulatedStage(), SMALL, lambda seconds: None)
+    return TileFolder(walk, tiles, tmp_path, lambda: NOW)
 
 
-def test_a_tile_is_tried_again_and_one_that_stays_bad_is_left_out(scan: TileScan) -> None:
+def test_a_tile_is_tried_again_and_one_that_stays_bad_is_left_out(scan: TileFolder) -> None:
     bad = CaptureError("capture rejected: saturation")
-    scan.rig = Rig(None, bad, None, bad, bad, None)
+    scan.walk.rig = Rig(None, bad, None, bad, bad, None)
     told = {visited.tile.name: visited.cause for visited in scan.visit_all()}
     assert told == {"tile_01_01": "", "tile_01_02": "", "tile_01_03": str(bad), "tile_01_04": ""}
     stage = read_stage(scan.stage_file)
     assert list(stage.tiles) == ["tile_01_01", "tile_01_02", "tile_01_04"]
     assert (stage.axes, stage.sigma_mm) == (("-x", "y"), 0.05)
-    assert isinstance(scan.stage, SimulatedStage)
-    assert scan.stage.sample_mm == (0.0, 0.0)  # back at the first
+    assert isinstance(scan.walk.stage, SimulatedStage)
+    assert scan.walk.stage.sample_mm == (0.0, 0.0)  # back at the first
 
 
-def test_a_device_that_stays_away_ends_the_scan_and_the_next_run_goes_on(scan: TileScan) -> None:
+def test_a_device_that_stays_away_ends_the_scan_and_the_next_run_goes_on(scan: TileFolder) -> None:
     gone = DeviceUnavailable("the camera went away")
-    rig = scan.rig = Rig(None, gone, None, gone, gone)
+    rig = scan.walk.rig = Rig(None, gone, None, gone, gone)
     with pytest.raises(DeviceUnavailable, match="went away"):
         list(scan.visit_all())
     assert rig.opened == 3  # once at first, and once after each time it went away
     (scan.folder / "tile_01_03").mkdir()
     (scan.folder / "tile_01_03" / "00_white.png").write_text("half")  # ended in the middle of writing it
-    again = TileScan(scan.area, scan.tiles, Rig(), SimulatedStage(), SMALL, scan.folder, lambda: NOW, lambda s: None)
+    again = TileFolder(replace(scan.walk, rig=Rig()), scan.tiles, scan.folder, lambda: NOW)
     again.resume()
     assert [visited.again for visited in again.visit_all()] == [True, True, False, False]
     assert list(read_stage(scan.stage_file).tiles) == [tile.name for tile in scan.tiles]
-    other = TileScan(
-        scan.area,
-        (replace(scan.tiles[0], x_mm=1.0),),
-        Rig(),
-        scan.stage,
-        SMALL,
-        scan.folder,
-        lambda: NOW,
-        lambda s: None,
-    )
+    other = TileFolder(scan.walk, (replace(scan.tiles[0], x_mm=1.0),), scan.folder, lambda: NOW)
     with pytest.raises(InputError, match="holds tiles of another plan"):
         other.resume()
 
 
-def test_a_stop_ends_after_the_tile_under_way(scan: TileScan) -> None:
-    scan.stop = threading.Event()
+def test_a_stop_ends_after_the_tile_under_way(scan: TileFolder) -> None:
     visits = scan.visit_all()
     next(visits)
-    scan.stop.set()
+    scan.walk.stop.set()
     assert list(visits) == []
     assert list(scan.taken) == ["tile_01_01"]
 
