@@ -12,20 +12,25 @@ import pytest
 
 from configs import Area, CaptureError, DeviceUnavailable, InputError
 from monitor.cli import run_tokens
+from monitor.clock import AcceleratedClock
 from monitor.rigs import SimulatedStage
 from monitor.tile_folder import TileFolder
 from monitor.tiles import TileWalk, plan_tiles
 from pipelines import Frames, Instant, PatternSet, parse_instant
 from storage import read_height_map, read_stage
 
+from .exact_rig import exact_calibration
+
 NOW = parse_instant("2026-11-22T21:00:00Z")
 SETTINGS = """
 site: {name: crust}
 store: {path: crust.icechunk}
-rig: {name: simulated, options: {camera: [240, 180], scene_options: {side_mm: 40}, faults: {1: unplugged}}}
+rig:
+  name: simulated
+  options: {camera: [240, 180], drift_mm: 0, scene_options: {side_mm: 40}, faults: {1: unplugged}}
 schedule: {every: 1 h}
 patterns: {kind: gray, size: [608, 684], bits: [8, 8]}
-calibration: {simulated: true}
+calibration: {file: exact.json}
 area:
   stage: {kind: simulated, error_mm: 0.02}
   x_mm: [0, 5]
@@ -126,7 +131,9 @@ def test_the_simulated_rig_scans_an_area_that_mosaic_puts_together(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("monitor.commands.area.RealClock", lambda: AcceleratedClock(NOW))  # the rig's noise hangs on it
     Path("soil.yaml").write_text(SETTINGS)
+    Path("exact.json").write_text(exact_calibration((240, 180)).to_json())
     assert run_tokens(["area", "soil.yaml", "--out", "crust", "--dry-run"]) == 0
     assert "2 tiles" in capsys.readouterr().out
     assert not Path("crust").exists()
@@ -144,8 +151,7 @@ def test_the_simulated_rig_scans_an_area_that_mosaic_puts_together(
     real = stage.sample_mm
     line = re.search(r"tile_01_02 +(-?[\d.]+) +(-?[\d.]+) ", said_again)
     assert line is not None
-    # the stage's axes lie turned against the image's: lengths are the same in both; the sample itself lies 4 um beside
-    assert np.hypot(float(line[1]), float(line[2])) == pytest.approx(np.hypot(*real), abs=0.015)
+    assert [float(line[1]), float(line[2])] == pytest.approx(real, abs=0.005)
     scan = read_height_map(Path("all.tif"), print)
     assert scan.grid.columns * scan.grid.pitch_mm > 17.0  # one field is about 15 mm wide
     assert scan.coverage > 0.9
@@ -161,10 +167,10 @@ def test_without_an_area_it_says_what_to_write(tmp_path: Path, capsys: pytest.Ca
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ("x_mm: [9, 0]", r"soil\.yaml:10:9: area\.x_mm: must go from the lesser to the greater"),
+        ("x_mm: [9, 0]", r"soil\.yaml:12:9: area\.x_mm: must go from the lesser to the greater"),
         ("x_mm: [0, 0]", r"area\.x_mm: the stage goes nowhere"),
         ("axes: [x, -x]", r"area\.axes: must be one along x and one along y"),
-        ("stage: {kind: gcoad}", r"soil\.yaml:9:\d+: area\.stage: .*did you mean 'gcode'"),
+        ("stage: {kind: gcoad}", r"soil\.yaml:11:\d+: area\.stage: .*did you mean 'gcode'"),
     ],
 )
 def test_a_wrong_area_is_told_at_its_place(
@@ -172,7 +178,7 @@ def test_a_wrong_area_is_told_at_its_place(
 ) -> None:
     key = wrong.partition(":")[0]
     lines = [line for line in SETTINGS.splitlines() if not line.strip().startswith(f"{key}:")]
-    place = 9 if key != "stage" else 8
+    place = 11 if key != "stage" else 10
     lines.insert(place, f"  {wrong}")
     file = tmp_path / "soil.yaml"
     file.write_text("\n".join(lines))
