@@ -36,6 +36,8 @@ NOISE = 0.002
 AXES = ("-x", "y")
 RELIEF = bumps(seed=3)
 FIRST, SECOND, THIRD, FOURTH = (0.0, 0.0), (0.6, 0.0), (0.6, 0.6), (0.0, 0.6)
+WHOLE = 0.95
+"""A cell of 87 x 107 may be lost on each side, by where the stage stands."""
 Script = Callable[[int, tuple[float, float]], None]
 
 
@@ -122,7 +124,7 @@ def test_three_slots_are_three_scans_on_one_grid_that_show_what_changed(go: Go, 
     assert [each.scan.time for each in scans] == [T0, T0 + HOUR, T0 + 2 * HOUR]
     # 16 x 12 pixels of 0.1 mm about pixel (8, 6), seen from above, and 0.6 mm of travel each way
     assert grid.extent_mm == pytest.approx((-0.8, 0.7 + 0.6, -0.5 - 0.6, 0.6), abs=0.03)
-    assert scans[0].scan.coverage > 0.99
+    assert scans[0].scan.coverage > WHOLE
     x, y = np.meshgrid(grid.x_mm, grid.y_mm)
     for hours in (1, 2):
         change = scans[hours].change
@@ -146,37 +148,36 @@ def test_a_tile_that_fails_leaves_a_hole_and_is_told(go: Go, tmp_path: Path) -> 
     assert text in [event.text for event in told[1].tick.events]
     store = open_store(tmp_path / "site.icechunk")
     covered = [store[number].scan.coverage for number in range(3)]
-    assert covered[0] > 0.99
-    assert covered[2] > 0.99
+    assert covered[0] > WHOLE
+    assert covered[2] > WHOLE
     left, right, low, high = store[1].scan.grid.extent_mm
     alone = 0.6**2 / ((right - left) * (high - low))  # the corner that no other tile sees
-    assert covered[1] == pytest.approx(1 - alone, abs=0.02)
+    assert covered[1] == pytest.approx(1 - alone, abs=0.03)
     change = store[1].change
     assert change is not None
     assert change.motion.verdict == "good"
 
 
-def test_too_few_tiles_fail_the_visit_with_their_cause(go: Go, tmp_path: Path) -> None:
-    def glare(hour: int, place: tuple[float, float]) -> None:
+def test_what_costs_a_visit_costs_no_other(go: Go, tmp_path: Path) -> None:
+    def script(hour: int, place: tuple[float, float]) -> None:
         if hour == 1 and place != FIRST:
             raise CaptureError("capture rejected: saturation")
-
-    outcome, _ = go(3, glare)
-    assert (outcome.taken, outcome.failed) == (2, 1)
-    cause = "only 1 of 4 tiles could be taken: tile_01_02: capture rejected: saturation"
-    assert states(tmp_path) == {0: ("taken", ""), 1: ("failed", cause), 2: ("taken", "")}
-
-
-def test_a_device_that_goes_away_in_the_middle_costs_the_visit_and_no_more(go: Go, tmp_path: Path) -> None:
-    def unplugged(hour: int, place: tuple[float, float]) -> None:
-        if hour == 1 and place == THIRD:
+        if hour == 2 and place == THIRD:
             raise DeviceUnavailable("the camera does not answer")
 
-    outcome, told = go(3, unplugged)
-    assert (outcome.taken, outcome.failed) == (2, 1)
-    assert [settled.unavailable for settled in told] == [False, True, False]
-    assert states(tmp_path)[1] == ("failed", "the camera does not answer")
-    assert len(open_store(tmp_path / "site.icechunk")) == 2
+    outcome, told = go(4, script)
+    assert (outcome.taken, outcome.failed) == (2, 2)
+    assert [settled.unavailable for settled in told] == [False, False, True, False]
+    too_few = "only 1 of 4 tiles could be taken: tile_01_02: capture rejected: saturation"
+    assert states(tmp_path) == {
+        0: ("taken", ""),
+        1: ("failed", too_few),
+        2: ("failed", "the camera does not answer"),
+        3: ("taken", ""),
+    }
+    store = open_store(tmp_path / "site.icechunk")
+    assert len(store) == 2
+    assert store[1].scan.coverage > WHOLE  # nothing of the visits before is in it
 
 
 def test_a_device_that_comes_back_within_the_tries_costs_nothing(go: Go) -> None:
@@ -208,7 +209,7 @@ def test_a_half_visited_slot_of_a_killed_process_ends_as_missed_once(go: Go, tmp
     assert states(tmp_path) == {0: ("taken", ""), 1: ("missed", INTERRUPTED), 2: ("taken", "")}
     store = open_store(tmp_path / "site.icechunk")
     assert len(store) == 2
-    assert store[1].scan.coverage > 0.99
+    assert store[1].scan.coverage > WHOLE
 
 
 def test_a_store_of_another_area_is_refused(go: Go) -> None:
@@ -294,24 +295,21 @@ def test_the_simulated_rig_follows_soil_that_settles(tmp_path: Path, capsys: pyt
     assert "area: 4 tiles, together 21.1 x 17.5 mm; a scan needs 2 of them" in said
     assert "a visit takes 1 min 20 s to settle at all tiles; travel, capture and work come beside" in said
     assert "WARNING" not in said
-    outcome = run_campaign(load_scheduled(file).campaign, clock=AcceleratedClock(T0), max_scans=3)
-    assert outcome.taken == 3
+    outcome = run_campaign(load_scheduled(file).campaign, clock=AcceleratedClock(T0), max_scans=2)
+    assert outcome.taken == 2
     store = open_store(tmp_path / "crust.icechunk")
-    series = store.series()
-    region = 13.0**2
-    for number in (1, 2):
-        stored = store[number]
-        assert stored.change is not None
-        assert stored.change.motion.verdict == "good"
-        assert stored.scan.coverage > 0.95
-        fell = 0.1 * (1 - np.exp(-30 * number / 30.0))
-        row = series[series["scan"] == number].iloc[0]
-        assert abs(row["net_volume"] + fell * region) < 3 * row["net_volume_sigma"]
-        assert row["net_volume_sigma"] < 0.01 * fell * region
+    change = store[1].change
+    assert change is not None
+    assert change.motion.verdict == "good"
+    assert store[1].scan.coverage > 0.95
+    fallen = -0.1 * (1 - np.exp(-30 / 30.0)) * 13.0**2  # mm3, over the region: thirty hours of drying in an hour
+    row = store.series().iloc[1]
+    assert abs(row["net_volume"] - fallen) < 3 * row["net_volume_sigma"]
+    assert row["net_volume_sigma"] < 0.01 * abs(fallen)
     file.write_text(SOIL.replace("every: 1 h", "every: 1 min"))
     assert run_tokens(["run", str(file), "--dry-run"]) == 0
     said = capsys.readouterr().out
-    assert re.search(r"a visit takes 1 min 20 s, as measured \(median of 3\)", said)
+    assert re.search(r"a visit takes 1 min 20 s, as measured \(median of 2\)", said)
     assert "WARNING: that is longer than the 1 min between slots: those due meanwhile are missed" in said
 
 
