@@ -14,7 +14,7 @@ from .area_plan import AreaPlan, plan_area
 from .health_log import HealthLog, health_file
 from .recipe import known_calibration
 
-__all__ = ["SIMULATED_MM", "area_lines", "foreseen", "shortest_s"]
+__all__ = ["SIMULATED_MM", "area_lines", "foreseen"]
 
 SIMULATED_MM = 15.1, 11.3
 """What the simulated rig sees, before it was calibrated."""
@@ -41,8 +41,8 @@ def foreseen(area: Area, campaign: Campaign, patterns: PatternSet) -> AreaPlan |
     return plan_area(area if area.axes is not None else area.model_copy(update={"axes": ("x", "y")}), footprint)
 
 
-def area_lines(area: Area, campaign: Campaign, patterns: PatternSet, between_s: float) -> list[str]:
-    """Tell of an area's visits; `between_s` is the shortest time between two slots."""
+def area_lines(area: Area, campaign: Campaign, patterns: PatternSet, coming: list[Instant]) -> list[str]:
+    """Tell of an area's visits, and whether they are over before the next slot; `coming` are some slots in a row."""
     plan = foreseen(area, campaign, patterns)
     if plan is None:
         return []
@@ -55,6 +55,7 @@ def area_lines(area: Area, campaign: Campaign, patterns: PatternSet, between_s: 
         lines.append(f"  a visit takes {_told(seconds)}, as measured (median of {len(taken)})")
     else:
         lines.append(f"  a visit takes {_told(seconds)} to settle at all tiles; travel, capture and work come beside")
+    between_s = _shortest_s(campaign, coming)
     if seconds > between_s:
         lines.append(
             f"  WARNING: that is longer than the {_told(between_s)} between slots: those due meanwhile are missed"
@@ -66,7 +67,7 @@ def _told(seconds: float) -> str:
     return format_duration(timedelta(seconds=round(seconds) if seconds >= 10 else round(seconds, 1)))
 
 
-def shortest_s(campaign: Campaign, coming: list[Instant]) -> float:
+def _shortest_s(campaign: Campaign, coming: list[Instant]) -> float:
     """Shortest time between two slots that are to be expected, s."""
     adaptive = campaign.schedule.adaptive
     gaps = [float(gap / np.timedelta64(1, "s")) for gap in np.diff(np.array(coming, "datetime64[ns]"))]

@@ -15,7 +15,7 @@ from pipelines import Instant, PatternSet, as_datetime, format_instant
 from storage import BYTES_PER_CELL, used_bytes
 
 from .alarms import explained
-from .area_forecast import SIMULATED_MM, area_lines, foreseen, shortest_s
+from .area_forecast import SIMULATED_MM, area_lines, foreseen
 from .environment import source_of
 from .recipe import read_pattern_set, simulated_calibration_file
 from .resume import resume_point
@@ -51,7 +51,7 @@ def forecast_lines(campaign: Campaign, now: Instant) -> list[str]:
         lines.append(f"  a scan may begin {grace} late, then it is missed")
     lines += _rates(campaign)
     if campaign.area is not None:
-        lines += area_lines(campaign.area, campaign, patterns, shortest_s(campaign, coming))
+        lines += area_lines(campaign.area, campaign, patterns, coming)
     lines += _disk(campaign, patterns, slots, now)
     lines.append(_calibration(campaign, patterns))
     lines += [f"  alarm {explained(alarm, campaign.environment)}" for alarm in campaign.alarms]

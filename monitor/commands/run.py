@@ -34,8 +34,9 @@ def run(
     """Monitor on a schedule; go on where an earlier run ended.
 
     Prints ``committed scan N TIME`` once a scan is durable. A visit that fails is recorded, and the campaign goes on.
-    Slots that nobody answered are recorded as missed with their cause, never caught up. Ctrl-C finishes the scan under
-    way. Exit code 4: scans were missed, rejected or failed while it ran.
+    Slots that nobody answered are recorded as missed with their cause, never caught up. Where the campaign has an
+    `area:`, each visit covers all its tiles. Ctrl-C finishes the scan under way. Exit code 4: scans were missed,
+    rejected or failed while it ran.
 
     Parameters
     ----------

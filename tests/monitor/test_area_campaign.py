@@ -306,11 +306,11 @@ def test_the_simulated_rig_follows_soil_that_settles(tmp_path: Path, capsys: pyt
     row = store.series().iloc[1]
     assert abs(row["net_volume"] - fallen) < 3 * row["net_volume_sigma"]
     assert row["net_volume_sigma"] < 0.01 * abs(fallen)
-    file.write_text(SOIL.replace("every: 1 h", "every: 1 min"))
+    file.write_text(SOIL.replace("every: 1 h", "every: 50 s"))
     assert run_tokens(["run", str(file), "--dry-run"]) == 0
     said = capsys.readouterr().out
     assert re.search(r"a visit takes 1 min 20 s, as measured \(median of 2\)", said)
-    assert "WARNING: that is longer than the 1 min between slots: those due meanwhile are missed" in said
+    assert "WARNING: that is longer than the 50 s between slots: those due meanwhile are missed" in said
 
 
 @pytest.mark.parametrize(
