@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,10 @@ from hypothesis import strategies as st
 from configs import Area, Campaign, CaptureError, DeviceUnavailable, InputError
 from monitor.area_plan import plan_area
 from monitor.campaign import run_campaign
+from monitor.check import load_scheduled
 from monitor.cli import run_tokens
 from monitor.clock import AcceleratedClock
+from monitor.health import check_campaign
 from monitor.joined_tiles import join
 from monitor.rigs import SimulatedRig, SimulatedStage
 from monitor.settled import Outcome, Settled
@@ -285,8 +288,6 @@ area:
 
 
 def test_the_simulated_rig_follows_soil_that_settles(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from monitor.check import load_scheduled
-
     file = tmp_path / "crust.yaml"
     file.write_text(SOIL)
     (tmp_path / "exact.json").write_text(exact_calibration((240, 180)).to_json())
@@ -295,7 +296,10 @@ def test_the_simulated_rig_follows_soil_that_settles(tmp_path: Path, capsys: pyt
     assert "area: 4 tiles, together 21.1 x 17.5 mm; a scan needs 2 of them" in said
     assert "a visit takes 1 min 20 s to settle at all tiles; travel, capture and work come beside" in said
     assert "WARNING" not in said
-    outcome = run_campaign(load_scheduled(file).campaign, clock=AcceleratedClock(T0), max_scans=2)
+    campaign = load_scheduled(file).campaign
+    (stage,) = (each for each in islice(check_campaign(campaign), 2) if each.what == "stage")
+    assert (stage.level, stage.told) == ("ok", "answers, and stands at x 0, y 0 mm")
+    outcome = run_campaign(campaign, clock=AcceleratedClock(T0), max_scans=2)
     assert outcome.taken == 2
     store = open_store(tmp_path / "crust.icechunk")
     change = store[1].change
