@@ -13,6 +13,7 @@ import pytest
 from configs import Area, CaptureError, DeviceUnavailable, InputError
 from monitor.cli import run_tokens
 from monitor.clock import AcceleratedClock
+from monitor.recipe import stage_of
 from monitor.rigs import SimulatedStage
 from monitor.tile_folder import TileFolder
 from monitor.tiles import TileWalk, plan_tiles
@@ -155,6 +156,13 @@ def test_the_simulated_rig_scans_an_area_that_mosaic_puts_together(
     scan = read_height_map(Path("all.tif"), print)
     assert scan.grid.columns * scan.grid.pitch_mm > 17.0  # one field is about 15 mm wide
     assert scan.coverage > 0.9
+
+
+def test_a_simulated_stage_does_not_carry_what_a_real_rig_looks_at() -> None:
+    with pytest.raises(
+        InputError, match=r"area\.stage: the simulated stage carries the simulated rig's sample, and no"
+    ):
+        stage_of(area(), Rig())
 
 
 def test_without_an_area_it_says_what_to_write(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
