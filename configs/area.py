@@ -16,7 +16,7 @@ Travel = tuple[Number, Number]
 
 
 class Area(Settings):
-    """Where a stage carries the sample, so that `microrelief area` scans more than one field of view."""
+    """Where a stage carries the sample, so that a scan covers more than one field of view."""
 
     stage: Mapping[str, Any] = Field(description="The stage: its kind, and the options of that kind.")
     x_mm: Travel = Field(description="From where to where the stage travels along its first axis, mm.")
@@ -33,10 +33,13 @@ class Area(Settings):
     )
     axes: tuple[Axis, Axis] | None = Field(
         default=None,
-        description="Along which of the image's axes each of the stage's moves the sample, such as [-x, y]; "
-        "without it the overlaps tell.",
+        description="Along which of the image's axes each of the stage's moves the sample, such as [-x, y]. "
+        "A schedule needs it; `microrelief area` finds it by the overlaps and prints it.",
     )
     sigma_mm: Positive = Field(default=0.05, description="How far off the stage may be.")
+    least_tiles: Annotated[float, Strict(), Field(gt=0, le=1)] = Field(
+        default=0.5, description="Share of the tiles that a scheduled scan needs: with fewer the visit fails."
+    )
 
     @model_validator(mode="after")
     def _two_axes(self) -> Self:

@@ -249,7 +249,7 @@ class Campaign(Settings):
         default=None, description="Reports that the campaign writes by itself: daily, weekly, on alarm."
     )
     area: Area | None = Field(
-        default=None, description="A stage that carries the sample, for `microrelief area`; scheduled scans ignore it."
+        default=None, description="A stage that carries the sample from tile to tile: each scan covers all of them."
     )
     notify: Notifies = Field(default=(), description="Who is told of alarms, missing data, a lost device, a full disk.")
 

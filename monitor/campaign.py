@@ -23,7 +23,8 @@ from storage import (
 )
 
 from .adaptive import pace_of
-from .campaign_store import create, grid_of, open_existing, units
+from .area_visit import AreaRig, area_work
+from .campaign_store import create, grid_of, open_existing, plan_of, units
 from .clock import Clock, RealClock
 from .companions import Companion, Companions
 from .environment import Reading, make_sensor
@@ -31,9 +32,9 @@ from .frame_pool import FramePool
 from .health_log import HealthKeeper, HealthLog, health_file
 from .items import Item, Visit
 from .line import Line, Stage, ThreadedLine
-from .loop import LayLine, Loop, counts, one_after_another
+from .loop import LayLine, Loop, Taker, counts, one_after_another
 from .notify import notifier_of
-from .recipe import campaign_hash, make_recipe, read_calibration, read_pattern_set, rig_of
+from .recipe import campaign_hash, make_recipe, read_calibration, read_pattern_set, rig_of, stage_of
 from .reporter import reporter_of
 from .resume import resume_slots
 from .rigs import Rig
@@ -41,6 +42,7 @@ from .scheduler import grace_of
 from .settled import Outcome, Settled
 from .slot_rules import slot_rules_of
 from .steady_process import steady_process
+from .tiles import TileWalk
 from .visit import Recipe, Work, visit
 from .warm_up import warm_up
 
@@ -138,10 +140,13 @@ def run_campaign(
         if campaign.schedule.video is not None:
             stack.enter_context(steady_process())
         rig = rig_of(campaign, store) if rig is None else rig
+        walk = _walk_of(campaign, rig, patterns, clock)
         calibration = read_calibration(campaign, patterns, clock.now(), tell)
+        plan = plan_of(campaign, calibration, store)
         tell("opening the rig")
-        rig.open()
-        stack.callback(rig.close)
+        devices = rig if walk is None else walk
+        stack.callback(devices.close)
+        devices.open()
         if store is None:
             store = create(campaign, calibration, patterns, text)
             stack.callback(store.close)
@@ -177,11 +182,16 @@ def run_campaign(
         slots, last = resume_slots(campaign, ledger.rows(), clock.now(), now, pace)
         pool = FramePool()
         pool.lend_to(rig)
+        taker: Taker = keeper
+        let_go: Callable[[Any], None] = pool.let_go
+        if walk is not None and plan is not None:
+            taker, work = AreaRig(replace(walk, rig=keeper), plan, recipe, pool.let_go), area_work(plan)
+            let_go = _nothing  # each tile's frames are let go at once
         loop = Loop(
             slots,
             lambda slot: grace_of(campaign, slots, slot),
             recipe,
-            keeper,
+            taker,
             store,
             ledger,
             clock,
@@ -201,9 +211,25 @@ def run_campaign(
             asides=along.asides,
             lay=lay or _lay_of(campaign),
             on_worked=on_worked or (lambda visit, under_way: None),
-            let_go=pool.let_go,
+            let_go=let_go,
         )
         return loop.run(max_scans)
+
+
+def _walk_of(campaign: Campaign, rig: Rig, patterns: PatternSet, clock: Clock) -> TileWalk | None:
+    """What goes from tile to tile; None where one field of view is followed."""
+    area = campaign.area
+    if area is None:
+        return None
+
+    def wait(seconds: float) -> None:
+        clock.wait_until(clock.now() + np.timedelta64(round(seconds * 1e9), "ns"), Flag())  # a stop finishes the visit
+
+    return TileWalk(area, rig, stage_of(area, rig), patterns, wait)
+
+
+def _nothing(capture: Any) -> None:
+    pass
 
 
 def _lay_of(campaign: Campaign) -> LayLine:
@@ -218,7 +244,8 @@ def _side_by_side(stages: Sequence[Stage[Item]], stop: Flag, limit: int) -> Line
 
 def _hurried(campaign: Campaign) -> bool:
     every = campaign.schedule.every
-    return campaign.schedule.video is not None or (every is not None and every.total_seconds() < UNHURRIED_S)
+    soon = campaign.schedule.video is not None or (every is not None and every.total_seconds() < UNHURRIED_S)
+    return soon and campaign.area is None  # no stage is moved for what counts for nothing
 
 
 def _warm_up(

@@ -1,4 +1,4 @@
-"""The store of a campaign: opened to go on in it, or made with the grid that the calibration sees."""
+"""The store of a campaign: opened to go on in it, or made with the grid of its field of view or area."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from pipelines import Calibration, Grid, PatternSet
 from storage import Store, create_store, open_store, store_exists
 
 from . import __version__
+from .area_plan import AreaPlan, check_reach, plan_area
 from .environment import units_of
 from .recipe import campaign_hash
 
-__all__ = ["create", "grid_of", "open_existing", "units"]
+__all__ = ["create", "grid_of", "open_existing", "plan_of", "units"]
 
 
 def units(campaign: Campaign) -> dict[str, str]:
@@ -48,14 +49,27 @@ def open_existing(campaign: Campaign) -> Store | None:
     return store
 
 
+def plan_of(campaign: Campaign, calibration: Calibration, store: Store | None) -> AreaPlan | None:
+    """Plan a campaign's area, for the cells of its store where there is one; None where it follows one field of view.
+
+    Raises
+    ------
+    InputError
+        It is not said how the stage's axes lie, or the store is of another area.
+    """
+    if campaign.area is None:
+        return None
+    kept = store.about.grid if store is not None else None
+    plan = plan_area(campaign.area, _footprint(calibration, kept.pitch_mm if kept else campaign.grid.pitch_mm))
+    if kept is not None:
+        check_reach(plan, kept, campaign.store.path)
+    return plan
+
+
 def create(campaign: Campaign, calibration: Calibration, patterns: PatternSet, text: str) -> Store:
     """Make a campaign's store. Raises InputError where the calibration sees no grid of that pitch."""
-    from pipelines.reconstruction import footprint_grid
-
-    try:
-        grid = footprint_grid(calibration, campaign.grid.pitch_mm)
-    except ValueError as error:
-        raise InputError(f"calibration {calibration.id}: {error}") from None
+    plan = plan_of(campaign, calibration, None)
+    grid = _footprint(calibration, campaign.grid.pitch_mm) if plan is None else plan.grid
     return create_store(
         campaign.store.path,
         site=campaign.site.name,
@@ -66,6 +80,15 @@ def create(campaign: Campaign, calibration: Calibration, patterns: PatternSet, t
         software=f"microrelief {__version__}",
         kind=campaign.store.kind,
     )
+
+
+def _footprint(calibration: Calibration, pitch_mm: float | None) -> Grid:
+    from pipelines.reconstruction import footprint_grid
+
+    try:
+        return footprint_grid(calibration, pitch_mm)
+    except ValueError as error:
+        raise InputError(f"calibration {calibration.id}: {error}") from None
 
 
 def grid_of(store: Store) -> Grid:

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from configs import Campaign, CampaignFile, ConfigError, InputError, Route, did_you_mean, read_campaign
+from configs import Campaign, CampaignFile, ConfigError, Document, InputError, Route, did_you_mean, read_campaign
 from pipelines import PatternSet
 from pipelines.change import METRICS
 from storage import STORES
 
 from .alarms import rule_of
+from .area_plan import AXES_NEEDED
 from .rigs import RIGS, STAGES, make_rig, make_stage, rig_options
 from .scheduler import check_cron
 
-__all__ = ["campaign_schema", "load_checked"]
+__all__ = ["campaign_schema", "load_checked", "load_scheduled"]
 
 Problem = tuple[Route, str]
 
@@ -43,11 +44,45 @@ def load_checked(path: str | Path) -> CampaignFile:
     """
     file = read_campaign(path)
     campaign = _with_absolute_options(file.campaign, file.path.resolve().parent)
-    problems = list(_problems(campaign))
-    if problems:
-        lines = [file.document.line(route, text, at_key=text.startswith("unknown")) for route, text in problems]
-        raise ConfigError("\n".join(lines))
+    _refuse(file.document, _problems(campaign))
     return CampaignFile(campaign, file.path, file.text, file.document)
+
+
+def load_scheduled(path: str | Path) -> CampaignFile:
+    """As `load_checked`, of a campaign that is to be run: an area is then visited unattended, again and again.
+
+    Raises
+    ------
+    InputError, ConfigError
+        As `load_checked`; also for what cannot be had with an area on a schedule.
+    """
+    file = load_checked(path)
+    _refuse(file.document, _area_problems(file.campaign))
+    return file
+
+
+def _refuse(document: Document, problems: Iterable[Problem]) -> None:
+    lines = [document.line(route, text, at_key=text.startswith("unknown")) for route, text in problems]
+    if lines:
+        raise ConfigError("\n".join(lines))
+
+
+def _area_problems(campaign: Campaign) -> Iterator[Problem]:
+    if campaign.area is None:
+        return
+    if campaign.schedule.video is not None:
+        text = "follows one field of view: with an area give every or cron, or leave the area out"
+        yield ("schedule", "video"), text
+    if campaign.retain.raw_frames != "off":
+        text = (
+            "frames of an area's tiles are not kept: leave it off; "
+            "`microrelief area CAMPAIGN --out DIR` keeps those of one scan"
+        )
+        yield ("retain", "raw_frames"), text
+    if campaign.exposure is not None:
+        yield ("exposure",), "would follow each tile of an area by itself: leave it out, and set the rig's own"
+    if campaign.area.axes is None:
+        yield ("area",), AXES_NEEDED
 
 
 def _problems(campaign: Campaign) -> Iterator[Problem]:

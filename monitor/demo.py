@@ -17,7 +17,7 @@ from pipelines.scenes import Ground, Soil
 from storage import Store, open_store, store_exists
 
 from .campaign import run_campaign
-from .check import load_checked
+from .check import load_scheduled
 from .clock import AcceleratedClock
 from .rigs.optics_model import Device, paper_optics
 from .rigs.simulated import sample_motion
@@ -95,7 +95,7 @@ def run_demo(
     Outcome or None
         None where the store holds so many already.
     """
-    checked = load_checked(file)
+    checked = load_scheduled(file)
     campaign = checked.campaign
     there = count_scans(campaign)
     if there >= scans:

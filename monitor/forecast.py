@@ -15,6 +15,7 @@ from pipelines import Instant, PatternSet, as_datetime, format_instant
 from storage import BYTES_PER_CELL, used_bytes
 
 from .alarms import explained
+from .area_forecast import SIMULATED_MM, area_lines, foreseen
 from .environment import source_of
 from .recipe import read_pattern_set, simulated_calibration_file
 from .resume import resume_point
@@ -49,6 +50,8 @@ def forecast_lines(campaign: Campaign, now: Instant) -> list[str]:
         grace = format_seconds(grace_of(campaign, slots, coming[0]))
         lines.append(f"  a scan may begin {grace} late, then it is missed")
     lines += _rates(campaign)
+    if campaign.area is not None:
+        lines += area_lines(campaign.area, campaign, patterns, coming)
     lines += _disk(campaign, patterns, slots, now)
     lines.append(_calibration(campaign, patterns))
     lines += [f"  alarm {explained(alarm, campaign.environment)}" for alarm in campaign.alarms]
@@ -72,8 +75,11 @@ def bytes_per_scan(campaign: Campaign, patterns: PatternSet) -> tuple[float, boo
     if measured is not None:
         return measured, True
     cells = columns * rows * 1.3  # the footprint is wider than the image of its middle, at the pixel's own pitch
-    if campaign.grid.pitch_mm is not None and campaign.rig.name == "simulated":
-        cells = 15.1 * 11.3 / campaign.grid.pitch_mm**2
+    plan = foreseen(campaign.area, campaign, patterns) if campaign.area is not None else None
+    if plan is not None:
+        cells = float(plan.grid.rows * plan.grid.columns)
+    elif campaign.grid.pitch_mm is not None and campaign.rig.name == "simulated":
+        cells = SIMULATED_MM[0] * SIMULATED_MM[1] / campaign.grid.pitch_mm**2
     return cells * BYTES_PER_CELL + raw, False
 
 

@@ -24,7 +24,7 @@ from .environment import Sensor, make_sensor
 from .forecast import bytes_per_scan, format_bytes
 from .notify import read_targets, send_test
 from .recipe import read_pattern_set, simulated_calibration_file
-from .rigs import DevicesRig, make_rig, measure_delay
+from .rigs import DevicesRig, Stage, make_rig, make_stage, measure_delay
 from .system_libraries import missing_library
 
 __all__ = ["Finding", "check_campaign", "check_delivery", "check_machine"]
@@ -73,6 +73,9 @@ def check_campaign(campaign: Campaign) -> Iterator[Finding]:
     """Look whether a campaign's rig opens, its calibration is there and its store can be opened and has room."""
     patterns = read_pattern_set(campaign)
     yield from _look_at_rig(campaign, patterns)
+    area = campaign.area
+    if area is not None:
+        yield _try("stage", lambda: _stage_told(make_stage(area.stage)), "see the message")
     file = campaign.calibration.file
     if file is None:
         kept = simulated_calibration_file(campaign, patterns)
@@ -194,6 +197,14 @@ def _look_at_rig(campaign: Campaign, patterns: PatternSet) -> Iterator[Finding]:
         if isinstance(rig, DevicesRig) and rig.projector.again == "frame":
             mend = "let the projector alone light what the camera looks at; then give rig option settle_ms"
             yield _try("projector", lambda: _delay_told(rig, patterns), mend)
+
+
+def _stage_told(stage: Stage) -> str:
+    """Hold the stage once, and move nothing."""
+    with closing(stage):
+        stage.open()
+        x, y = stage.where()
+    return f"answers, and stands at x {x:g}, y {y:g} mm"
 
 
 def _delay_told(rig: DevicesRig, patterns: PatternSet) -> str:

@@ -8,13 +8,13 @@ from typing import Any, Literal
 
 import structlog
 
-from pipelines import Frames, Instant, Tick, format_instant
+from pipelines import Instant, Tick, format_instant
 
 from .alarms import Watches
 from .clock import seconds_between
 from .settled import NO_TIMINGS, Settled, Timings
 from .slot_rules import Gap
-from .visit import State, failed_tick
+from .visit import Capture, State, failed_tick
 
 __all__ = ["Item", "Missed", "Note", "Visit"]
 
@@ -29,8 +29,8 @@ class Visit:
     ----------
     planned, began : Instant
         The slot, and when its visit began.
-    frames : Frames or None
-        As captured; None where that failed, and once nobody needs them.
+    captured : Capture or None
+        None where that failed, and once nobody needs it.
     tick : Tick
         What it has yielded so far.
     state, cause
@@ -40,12 +40,12 @@ class Visit:
     crowded : bool
         The disk had no room.
     taken_at : Instant or None
-        When the frames were taken.
+        When that was begun.
     """
 
     planned: Instant
     began: Instant
-    frames: Frames | None
+    captured: Capture | None
     tick: Tick
     state: State = "taken"
     cause: str = ""

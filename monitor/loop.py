@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import structlog
 
 from configs import CaptureError, DeviceUnavailable
-from pipelines import Frames, Instant, Tick
+from pipelines import Instant, PatternSet, Tick
 from storage import Inbox, Store
 
 from . import __version__
@@ -20,14 +20,13 @@ from .committing import LedgerLike
 from .environment import Reading
 from .items import Item, Missed, Note, Visit
 from .line import InlineLine, Line, Stage
-from .rigs import Rig
 from .scheduler import Slots
 from .settled import Outcome, Settled
 from .slot_rules import RUNNING, Gap, SlotRules, answer
 from .stages import Stages
-from .visit import Recipe, Work, failed_tick, visit
+from .visit import Capture, Recipe, Work, failed_tick, visit
 
-__all__ = ["BEGAN", "ENDED", "LayLine", "Loop", "counts", "one_after_another"]
+__all__ = ["BEGAN", "ENDED", "LayLine", "Loop", "Taker", "counts", "one_after_another"]
 
 BEGAN = "monitoring began"
 ENDED = "monitoring ended"
@@ -40,6 +39,22 @@ class LayLine(Protocol):
 
     def __call__(self, stages: Sequence[Stage[Item]], stop: Flag) -> Line[Item]:
         """Lay it."""
+        ...
+
+
+class Taker(Protocol):
+    """What takes captures for a loop: a rig does, of frames; see there for the verbs."""
+
+    def open(self) -> None:
+        """Take hold of the devices."""
+        ...
+
+    def capture(self, patterns: PatternSet, at: Instant) -> Capture:
+        """Take what the work makes a tick of."""
+        ...
+
+    def close(self) -> None:
+        """Let the devices go."""
         ...
 
 
@@ -92,13 +107,13 @@ class Loop:
     on_worked : callable
         Told of each visit once it is worked out, and how many were under way; on the thread that compares.
     let_go : callable
-        Told of frames that nobody needs any more.
+        Told of a capture that nobody needs any more.
     """
 
     slots: Slots
     grace: Callable[[Instant], float]
     recipe: Recipe
-    rig: Rig
+    rig: Taker
     store: Store
     ledger: LedgerLike
     clock: Clock
@@ -118,7 +133,7 @@ class Loop:
     asides: Callable[[], Sequence[str]] = tuple
     lay: LayLine = one_after_another
     on_worked: Callable[[Visit, int], None] = lambda visit, under_way: None
-    let_go: Callable[[Frames], None] = lambda frames: None
+    let_go: Callable[[Any], None] = lambda capture: None
     _crowded: bool = False
     _started: Instant = field(init=False)
     _busy_until: Instant = field(init=False)
@@ -226,7 +241,7 @@ class Loop:
             if not self.rig_is_open:
                 self.rig.open()
                 self.rig_is_open = True
-            made.frames = self.rig.capture(self.recipe.patterns, made.began)
+            made.captured = self.rig.capture(self.recipe.patterns, made.began)
         except DeviceUnavailable as error:
             self._close_rig()
             made.unavailable = True

@@ -12,23 +12,35 @@ from pathlib import Path
 
 import numpy as np
 
-from configs import Campaign, InputError
+from configs import Area, Campaign, InputError
 from pipelines import Calibration, Grid, Instant, PatternSet, format_instant
 from storage import Store
 
 from . import __version__
-from .rigs import BOARD, Rig, calibration_captures, make_rig, rig_options
+from .rigs import (
+    BOARD,
+    Rig,
+    SimulatedRig,
+    SimulatedStage,
+    Stage,
+    calibration_captures,
+    make_rig,
+    make_stage,
+    rig_options,
+)
 from .visit import Mask, Recipe, Rules
 
 __all__ = [
     "campaign_hash",
     "campaign_rules",
+    "known_calibration",
     "make_recipe",
     "masks_of",
     "read_calibration",
     "read_pattern_set",
     "rig_of",
     "simulated_calibration_file",
+    "stage_of",
 ]
 
 
@@ -52,6 +64,19 @@ def read_pattern_set(campaign: Campaign) -> PatternSet:
         raise InputError(f"patterns: {error}") from None
 
 
+def known_calibration(campaign: Campaign, patterns: PatternSet) -> Calibration | None:
+    """Read a campaign's calibration; None where the simulated rig has yet to make it.
+
+    Raises
+    ------
+    InputError
+        If the file is not there or is no calibration.
+    """
+    file = campaign.calibration.file
+    kept = simulated_calibration_file(campaign, patterns) if file is None else file
+    return _calibration_of(kept) if file is not None or kept.exists() else None
+
+
 def read_calibration(
     campaign: Campaign, patterns: PatternSet, at: Instant, tell: Callable[[str], None] = lambda what: None
 ) -> Calibration:
@@ -62,18 +87,16 @@ def read_calibration(
     InputError
         If the file is not there or is no calibration.
     """
-    file = campaign.calibration.file
-    if file is not None:
-        return _calibration_of(file)
-    kept = simulated_calibration_file(campaign, patterns)
-    if kept.exists():
-        return _calibration_of(kept)
+    known = known_calibration(campaign, patterns)
+    if known is not None:
+        return known
     from pipelines.reconstruction import Board, calibrate
 
     tell("the simulated rig calibrates itself on its simulated board")
     captures = calibration_captures(campaign.rig.options, patterns, at)
     board = Board(BOARD.inner_corners, BOARD.square_mm)
     calibration = calibrate(captures, board, software=f"microrelief {__version__}")
+    kept = simulated_calibration_file(campaign, patterns)
     kept.parent.mkdir(parents=True, exist_ok=True)
     part = kept.with_name(f"{kept.name}.{os.getpid()}.part")
     part.write_text(calibration.to_json(), encoding="utf-8")
@@ -99,6 +122,22 @@ def rig_of(campaign: Campaign, store: Store | None) -> Rig:
     if ages and store is not None and len(store):
         options["started"] = format_instant(store[0].scan.time)
     return make_rig(campaign.rig.name, options)
+
+
+def stage_of(area: Area, rig: Rig) -> Stage:
+    """Make the stage of an area; a simulated one carries what the simulated rig looks at.
+
+    Raises
+    ------
+    InputError
+        Only one of both is simulated.
+    """
+    stage = make_stage(area.stage)
+    if isinstance(rig, SimulatedRig) and isinstance(stage, SimulatedStage):
+        rig.carried_by(stage)
+    elif isinstance(rig, SimulatedRig) or isinstance(stage, SimulatedStage):
+        raise InputError("area.stage: the simulated stage carries the simulated rig's sample, and no other")
+    return stage
 
 
 def campaign_rules(campaign: Campaign, grid: Grid) -> Rules:
@@ -152,10 +191,11 @@ def masks_of(campaign: Campaign, grid: Grid) -> tuple[Mask, Mask]:
 
 
 def campaign_hash(campaign: Campaign, patterns: PatternSet) -> str:
-    """Hash of everything in a campaign that numbers depend on: not of where its files lie."""
-    settings = campaign.model_dump(
-        mode="json", by_alias=True, exclude={"store", "patterns", "calibration", "notify", "report", "area"}
-    )
+    """Hash of everything in a campaign that numbers depend on: not of where its files lie, or its devices."""
+    left_out = {"store", "patterns", "calibration", "notify", "report", "area"}
+    settings = campaign.model_dump(mode="json", by_alias=True, exclude=left_out)
+    if campaign.area is not None:
+        settings["area"] = campaign.area.model_dump(mode="json", exclude={"stage"})
     return _hash({**settings, "patterns": patterns.as_mapping()})
 
 

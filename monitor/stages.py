@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from threading import Lock
 from typing import Any
 
-from pipelines import Frames, Instant, Tick, format_instant
+from pipelines import Instant, Tick, format_instant
 from storage import Inbox, Store
 
 from .alarms import Watches, after_gap, resumed, told
@@ -45,7 +45,7 @@ class Stages:
     on_worked : callable
         Told of each visit as soon as it is worked out, before it is durable.
     let_go : callable
-        Told of frames that nobody needs any more.
+        Told of a capture that nobody needs any more.
     commit_every_s, overrun_s, reading, inbox, asides
         As `Loop` has them.
     """
@@ -58,7 +58,7 @@ class Stages:
     work: Work[Any]
     on_settled: Callable[[Settled], None]
     on_worked: Callable[[Visit], None]
-    let_go: Callable[[Frames], None]
+    let_go: Callable[[Any], None]
     commit_every_s: float
     overrun_s: float | None
     reading: Reading | None
@@ -109,12 +109,12 @@ class Stages:
         self._commits.flush()
 
     def reconstruct(self, item: Item) -> None:
-        """From frames to a height map; then nobody needs the frames, unless they are kept."""
-        if not isinstance(item, Visit) or item.frames is None:
+        """From a capture to a height map; then nobody needs its frames, unless they are kept."""
+        if not isinstance(item, Visit) or item.captured is None:
             return
-        began, item.taken_at = time.perf_counter(), item.frames.time
+        began, item.taken_at = time.perf_counter(), item.captured.time
         try:
-            item.measured = self.work.reconstruct(item.frames, self.recipe)
+            item.measured = self.work.reconstruct(item.captured, self.recipe)
         except ValueError as error:  # CaptureError is one
             item.fail("rejected", str(error))
         except Exception as error:  # noqa: BLE001 - see `surprise`
@@ -259,9 +259,9 @@ class Stages:
             self._commits.note(self.clock.now(), "note", text)
 
     def _release(self, item: Visit) -> None:
-        frames, item.frames = item.frames, None
-        if frames is not None:
-            self.let_go(frames)
+        captured, item.captured = item.captured, None
+        if captured is not None:
+            self.let_go(captured)
 
     def _tell(self, settled: Settled) -> None:
         self.tally.add(settled)

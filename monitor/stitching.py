@@ -14,7 +14,9 @@ from pipelines import Grid, Scan
 from pipelines.change import Motion, register
 from pipelines.reconstruction import Offset, Placement, place_tiles
 
-__all__ = ["ORIENTATIONS", "Stitched", "overlap_of", "stitch"]
+from .stage_axes import ORIENTATIONS, in_site
+
+__all__ = ["LonelyTileError", "Stitched", "overlap_of", "stitch"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -26,16 +28,6 @@ DOUBT = 5.0
 TRIED_PAIRS = 3
 DECIDED = 1.5
 """The best way to lay the stage's axes must fit so many times better than the next one."""
-
-ORIENTATIONS: dict[tuple[str, str], Floats] = {
-    (f"{a}{first}", f"{b}{'y' if first == 'x' else 'x'}"): np.array(
-        [[sa, 0.0], [0.0, sb]] if first == "x" else [[0.0, sb], [sa, 0.0]]
-    )
-    for first in ("x", "y")
-    for a, sa in (("", 1.0), ("-", -1.0))
-    for b, sb in (("", 1.0), ("-", -1.0))
-}
-"""Stage axes to the site frame: ("-x", "y") means that the first axis moves the sample along -x."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,7 +116,7 @@ def stitch(
             f"tiles have cells of {min(pitches):g} and {max(pitches):g} mm: give all one pitch (--pitch-mm)"
         )
     axes = _find_axes(scans, stage_mm) if axes is None else axes
-    commanded = _in_site(stage_mm, axes)
+    commanded = in_site(stage_mm, axes)
     pairs = _pairs(scans, commanded)
     _refuse_lonely(len(scans), pairs)
     sigma = (stage_sigma_mm, stage_sigma_mm, 10 * stage_sigma_mm)  # a stage's plane is tilted against the site's
@@ -155,12 +147,6 @@ def _cut(scan: Scan, grid: Grid, top: int, left: int) -> Scan:
     height, sigma = np.ascontiguousarray(scan.height[part]), np.ascontiguousarray(scan.sigma[part])
     texture, level = np.ascontiguousarray(scan.texture[part]), np.ascontiguousarray(scan.level[part])
     return Scan(grid, scan.time, height, sigma, texture, level, scan.calibration_id)
-
-
-def _in_site(stage_mm: Floats, axes: tuple[str, str]) -> Floats:
-    site = stage_mm.astype(np.float64).copy()
-    site[:, :2] = stage_mm[:, :2] @ ORIENTATIONS[axes].T
-    return site
 
 
 def _pairs(scans: Sequence[Scan], position: Floats) -> list[tuple[int, int]]:
@@ -226,7 +212,7 @@ def _find_axes(scans: Sequence[Scan], stage_mm: Floats) -> tuple[str, str]:
     scores: list[tuple[float, tuple[str, str]]] = []
     seen: list[Floats] = []
     for axes in ORIENTATIONS:
-        position = _in_site(stage_mm, axes)
+        position = in_site(stage_mm, axes)
         if any(np.allclose(position, other) for other in seen):
             continue  # tiles in one row look the same under several
         seen.append(position)
@@ -236,7 +222,7 @@ def _find_axes(scans: Sequence[Scan], stage_mm: Floats) -> tuple[str, str]:
         scores.append((_misfit(scans, position, pairs), axes))
     scores.sort(key=lambda each: each[0])
     if not scores:
-        _refuse_lonely(len(scans), _pairs(scans, _in_site(stage_mm, ("x", "y"))))
+        _refuse_lonely(len(scans), _pairs(scans, in_site(stage_mm, ("x", "y"))))
         raise InputError("some tile overlaps no other, whichever way the stage's axes lie: are its positions in mm?")
     if not np.isfinite(scores[0][0]) or (len(scores) > 1 and scores[1][0] < DECIDED * scores[0][0]):
         raise InputError(

@@ -1,28 +1,22 @@
-"""Tiles of a large area, taken by a rig while a stage carries the sample: planned, visited, resumed after a stop."""
+"""Tiles of a large area: planned, and visited one by one while a stage carries the sample past the rig."""
 
 from __future__ import annotations
 
 import math
-import shutil
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 
-from configs import Area, CaptureError, DeviceUnavailable, InputError
-from pipelines import Instant, PatternSet
-from storage import StagePosition, read_stage, whole_file, write_capture
+from configs import Area, CaptureError, DeviceUnavailable
+from pipelines import Frames, Instant, PatternSet
+from storage import StagePosition
 
 from .rigs import Rig, Stage
-from .visit import remarks
 
-__all__ = ["Tile", "TileScan", "Visited", "plan_tiles"]
+__all__ = ["Keep", "Tile", "TileWalk", "Visited", "plan_tiles"]
 
-STAGE_FILE = "stage.yaml"
-SAME_MM = 0.05
-"""A recorded tile stands as near as this to where the plan has it, or it is of another plan."""
 RETRY_S = 10.0
 """A device that went away is looked for again so much later."""
 
@@ -44,6 +38,11 @@ class Visited:
     cause: str = ""
     again: bool = False
     notes: tuple[str, ...] = ()
+
+
+Keep = Callable[[Tile, Frames, StagePosition], tuple[str, ...]]
+"""Takes a tile's frames, and where the stage says that it stands; gives what there is to say of them. It raises
+CaptureError where they are not good enough."""
 
 
 def plan_tiles(area: Area, field_mm: Sequence[float]) -> tuple[Tile, ...]:
@@ -73,89 +72,72 @@ def _places(travel: tuple[float, float], step: float) -> list[float]:
 
 
 @dataclass(slots=True)
-class TileScan:
-    """A scan of an area into a folder: a capture folder per tile, and the stage file that `mosaic` reads.
+class TileWalk:
+    """Goes from tile to tile: move, let it settle, capture, and again where that was not good enough.
 
     Parameters
     ----------
     area : Area
-    tiles : tuple of Tile
     rig : Rig
     stage : Stage
     patterns : PatternSet
-    folder : Path
-        Of an earlier run of the same plan, what it holds is kept and not taken again.
-    now : callable
-        Tells the time.
     wait : callable
         Waits so many seconds.
     stop : Event
-        Ends the scan after the tile under way.
+        Once it is set, nothing is tried again.
+    is_open : bool
+        Both devices are held already.
     """
 
     area: Area
-    tiles: tuple[Tile, ...]
     rig: Rig
     stage: Stage
     patterns: PatternSet
-    folder: Path
-    now: Callable[[], Instant]
     wait: Callable[[float], object]
     stop: threading.Event = field(default_factory=threading.Event)
-    taken: dict[str, StagePosition] = field(default_factory=dict)
-    _open: bool = False
+    is_open: bool = False
 
-    @property
-    def stage_file(self) -> Path:
-        """Where the stage stood at each tile taken so far."""
-        return self.folder / STAGE_FILE
-
-    def resume(self) -> None:
-        """Take up what an earlier run left.
-
-        Raises
-        ------
-        InputError
-            The folder holds tiles of another plan.
-        """
-        if not self.stage_file.exists():
-            return
-        planned = {tile.name: tile for tile in self.tiles}
-        for name, place in read_stage(self.stage_file).tiles.items():
-            tile = planned.get(name)
-            if tile is None or max(abs(tile.x_mm - place.x_mm), abs(tile.y_mm - place.y_mm)) > SAME_MM:
-                raise InputError(f"--out {self.folder}: holds tiles of another plan ({name}); give a new folder")
-            if (self.folder / name / "capture.json").is_file():
-                self.taken[name] = place
-
-    def visit_all(self) -> Iterator[Visited]:
-        """Visit the tiles that are not there yet, and give how each ended; then go back to the first.
+    def open(self) -> None:
+        """Take hold of both devices, if they are not held; the stage finds its zero where the area asks for that.
 
         Raises
         ------
         DeviceUnavailable
-            A device stayed away in all tries of one tile. What was taken is kept.
+            One is not there now.
         """
-        try:
-            for tile in self.tiles:
-                if tile.name in self.taken:
-                    yield Visited(tile, again=True)
-                    continue
-                if self.stop.is_set():
-                    return
-                yield self._visit(tile)
-            if self._open:
-                self.stage.move_to(self.tiles[0].x_mm, self.tiles[0].y_mm)
-        finally:
-            self._close()
+        if not self.is_open:
+            self.stage.open()
+            self.rig.open()
+            if self.area.home:
+                self.stage.home()
+            self.is_open = True
 
-    def _visit(self, tile: Tile) -> Visited:
+    def close(self) -> None:
+        """Let both devices go."""
+        self.is_open = False
+        try:
+            self.rig.close()
+        finally:
+            self.stage.close()
+
+    def visit(self, tile: Tile, now: Callable[[], Instant], keep: Keep) -> Visited:
+        """Visit a tile as often as the area allows, until what came is good enough to be kept.
+
+        Raises
+        ------
+        DeviceUnavailable
+            A device stayed away in all tries.
+        """
         for attempt in range(1, self.area.tries + 1):
             last = attempt == self.area.tries or self.stop.is_set()
             try:
-                notes = self._take(tile)
+                self.open()
+                self.stage.move_to(tile.x_mm, tile.y_mm)
+                self.wait(self.area.settle_s)
+                frames = self.rig.capture(self.patterns, now())
+                notes = keep(tile, frames, StagePosition(*self.stage.where()))
             except DeviceUnavailable:
-                self._close()
+                self.close()
                 if last:
                     raise
                 self.wait(RETRY_S)
@@ -165,40 +147,3 @@ class TileScan:
             else:
                 return Visited(tile, notes=notes)
         raise AssertionError("unreachable: the last try returns or raises")
-
-    def _take(self, tile: Tile) -> tuple[str, ...]:
-        if not self._open:
-            self._hold()
-        self.stage.move_to(tile.x_mm, tile.y_mm)
-        self.wait(self.area.settle_s)
-        frames = self.rig.capture(self.patterns, self.now())
-        notes = tuple(event.text for event in remarks(frames))
-        place = self.folder / tile.name
-        if place.exists():  # an earlier run was ended in the middle of writing it
-            shutil.rmtree(place)
-        write_capture(frames, place)
-        x, y = self.stage.where()
-        self.taken[tile.name] = StagePosition(x, y)
-        self._write_stage_file()
-        return notes
-
-    def _hold(self) -> None:
-        self.stage.open()
-        self._open = True
-        self.rig.open()
-        if self.area.home:
-            self.stage.home()
-
-    def _close(self) -> None:
-        self._open = False
-        self.rig.close()
-        self.stage.close()
-
-    def _write_stage_file(self) -> None:
-        lines = [f"sigma_mm: {self.area.sigma_mm:g}"]
-        if self.area.axes is not None:
-            lines.append(f"axes: [{', '.join(self.area.axes)}]")
-        lines.append("tiles:")
-        lines += [f"  {name}: [{place.x_mm:.4f}, {place.y_mm:.4f}]" for name, place in self.taken.items()]
-        with whole_file(self.stage_file) as part:
-            part.write_text("\n".join(lines) + "\n", encoding="utf-8")

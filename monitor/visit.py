@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Literal, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from pipelines.change import NoiseModel
 
 __all__ = [
+    "Capture",
     "Epoch",
     "Finding",
     "Mask",
@@ -42,6 +43,7 @@ __all__ = [
     "Work",
     "Yield",
     "compare_with",
+    "compared",
     "failed_tick",
     "judged",
     "make_scan",
@@ -166,6 +168,15 @@ def make_scan(frames: Frames, calibration: Calibration, rules: Rules) -> Scan:
     return scan
 
 
+class Capture(Protocol):
+    """What a visit captured: frames, or whatever else the work that goes with it takes."""
+
+    @property
+    def time(self) -> Instant:
+        """When it was begun."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class Work(Generic[Between]):
     """How a capture becomes a tick: two steps, which a video does side by side, each on another capture.
@@ -173,7 +184,7 @@ class Work(Generic[Between]):
     Parameters
     ----------
     reconstruct : callable
-        From the frames to what was measured. Nobody holds the frames after it, unless the recipe keeps them.
+        From the capture to what was measured. Nobody holds its frames after it, unless the recipe keeps them.
     compare : callable
         From there to a yield, against the epoch (None before the first scan); last comes the slot that is answered.
 
@@ -183,12 +194,12 @@ class Work(Generic[Between]):
         Each, if the capture cannot be used.
     """
 
-    reconstruct: Callable[[Frames, Recipe], Between]
+    reconstruct: Callable[[Any, Recipe], Between]
     compare: Callable[[Between, Recipe, Epoch | None, Instant], Yield]
 
-    def __call__(self, frames: Frames, recipe: Recipe, epoch: Epoch | None, planned: Instant) -> Yield:
+    def __call__(self, capture: Any, recipe: Recipe, epoch: Epoch | None, planned: Instant) -> Yield:
         """Do both."""
-        return self.compare(self.reconstruct(frames, recipe), recipe, epoch, planned)
+        return self.compare(self.reconstruct(capture, recipe), recipe, epoch, planned)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,10 +13,10 @@ from configs import Campaign, InputError
 from ..check import load_checked
 from ..clock import RealClock
 from ..outputs import check_out
-from ..recipe import read_calibration, read_pattern_set, rig_of, simulated_calibration_file
-from ..rigs import SimulatedRig, SimulatedStage, make_stage
+from ..recipe import read_calibration, read_pattern_set, rig_of, simulated_calibration_file, stage_of
 from ..stopping import graceful_stop
-from ..tiles import TileScan, plan_tiles
+from ..tile_folder import TileFolder
+from ..tiles import TileWalk, plan_tiles
 from .mosaic import mosaic
 
 __all__ = ["area"]
@@ -30,12 +30,13 @@ def area(
     height_map: Path | None = None,
     pitch_mm: float | None = None,
 ) -> int:
-    """Scan an area larger than one field of view: a stage carries the sample from tile to tile.
+    """Scan an area larger than one field of view once: a stage carries the sample from tile to tile.
 
     The campaign says where the stage goes (`area:`). Each tile is captured and looked through; one that is not good
     enough is taken again. Then the tiles are stitched, as `microrelief mosaic` does, from where the stage says that it
     stood. Ctrl-C ends after the tile under way; the same command goes on from there, and so after any other stop.
-    Nobody needs to be there. Exit code 4: tiles are missing; 75: a device went away.
+    Nobody needs to be there. Exit code 4: tiles are missing; 75: a device went away. To follow an area on a schedule:
+    `microrelief run`.
 
     Parameters
     ----------
@@ -73,7 +74,7 @@ def area(
     out.mkdir(parents=True, exist_ok=True)
     scan.resume()
     with graceful_stop() as stop:
-        scan.stop = stop
+        scan.walk.stop = stop
         for done in scan.visit_all():
             if not done.again:
                 print(f"{done.tile.name}: {done.cause or 'taken'}", flush=True)
@@ -85,13 +86,13 @@ def area(
         print("the same command goes on from here")
         return 4
     if len(scan.taken) > 1:
-        file = settings.calibration.file or simulated_calibration_file(settings, scan.patterns)
+        file = settings.calibration.file or simulated_calibration_file(settings, scan.walk.patterns)
         tiles = [out / tile.name for tile in scan.tiles if tile.name in scan.taken]
         mosaic(*tiles, stage=scan.stage_file, out=result, calibration=file, pitch_mm=pitch_mm)
     return 4 if missing else 0
 
 
-def _prepare(settings: Campaign, out: Path) -> TileScan:
+def _prepare(settings: Campaign, out: Path) -> TileFolder:
     from pipelines.reconstruction import footprint_grid
 
     assert settings.area is not None
@@ -99,10 +100,7 @@ def _prepare(settings: Campaign, out: Path) -> TileScan:
     patterns = read_pattern_set(settings)
     calibration = read_calibration(settings, patterns, clock.now(), lambda what: print(what, flush=True))
     grid = footprint_grid(calibration)
-    size = (grid.columns * grid.pitch_mm, grid.rows * grid.pitch_mm)
-    rig, stage = rig_of(settings, None), make_stage(settings.area.stage)
-    if isinstance(rig, SimulatedRig) and isinstance(stage, SimulatedStage):
-        rig.carried_by(stage)
-    elif isinstance(rig, SimulatedRig) or isinstance(stage, SimulatedStage):
-        raise InputError("area.stage: the simulated stage carries the simulated rig's sample, and no other")
-    return TileScan(settings.area, plan_tiles(settings.area, size), rig, stage, patterns, out, clock.now, time.sleep)
+    tiles = plan_tiles(settings.area, (grid.columns * grid.pitch_mm, grid.rows * grid.pitch_mm))
+    rig = rig_of(settings, None)
+    walk = TileWalk(settings.area, rig, stage_of(settings.area, rig), patterns, time.sleep)
+    return TileFolder(walk, tiles, out, clock.now)

@@ -15,18 +15,17 @@ from pipelines import Scan
 from pipelines import reconstruction as rec
 from storage import StageFile, read_patterns, read_stage
 
+from ..laying import laid, united
 from ..outputs import check_out
 from ..progress import progress
-from ..stitching import ORIENTATIONS, LonelyTileError, Stitched, stitch
+from ..stage_axes import ORIENTATIONS
+from ..stitching import LonelyTileError, Stitched, stitch
 from ..surfaces import Surface, read_surfaces
 from .reconstruct import read_calibration
 
 __all__ = ["mosaic", "write_merged"]
 
 STAGE_SIGMA_MM = 0.05
-FADE = 32
-"""Cells over which a tile fades at its border."""
-MOST_CELLS = 200_000_000
 
 
 def mosaic(
@@ -87,18 +86,13 @@ def mosaic(
         ) from None
     for line in _about_positions(surfaces, stage_mm, found):
         print(line)
-    placed = _place(scans, found)
+    first, home = scans[0].grid, found.placement.position_mm[0]
+    placed = laid(scans, found.placement, (first.x0_mm - float(home[0]), first.y0_mm - float(home[1])))
     for line in _about_seams(surfaces, placed):
         print(line)
     first = placed[0].grid
     whole = rec.covering_grid(placed, [np.eye(4)] * len(placed), first.pitch_mm, (first.x0_mm, first.y0_mm))
-    fade = min(FADE, *(min(each.grid.shape) // 8 for each in placed))
-    views = [
-        rec.View(each, float(sigma[2]), float(sigma[0]), bow, rec.edge_weight(each, fade))
-        for each, sigma in zip(placed, found.placement.sigma_mm, strict=True)
-    ]
-    merged = rec.merge(views, whole)
-    write_merged(merged, out)
+    write_merged(united(placed, found.placement, bow, whole), out)
 
 
 def write_merged(merged: rec.Merged, out: Path) -> None:
@@ -131,18 +125,6 @@ def _positions(tiles: tuple[Path, ...], told: StageFile, stage: Path) -> npt.NDA
     return np.array(rows, dtype=np.float64)
 
 
-def _place(scans: list[Scan], found: Stitched) -> list[Scan]:
-    """Each tile on its own part of the common raster, in the sample's frame."""
-    placed = []
-    first, home = scans[0].grid, found.placement.position_mm[0]
-    centre = (first.x0_mm - float(home[0]), first.y0_mm - float(home[1]))
-    for scan, position in zip(scans, found.placement.position_mm, strict=True):
-        matrix = np.eye(4)
-        matrix[:3, 3] = -position
-        placed.append(rec.regrid(scan, matrix, rec.covering_grid([scan], [matrix], first.pitch_mm, centre)))
-    return placed
-
-
 def _about_positions(surfaces: list[Surface], stage_mm: npt.NDArray[np.float64], found: Stitched) -> list[str]:
     turn = ORIENTATIONS[found.axes]
     real = found.placement.position_mm.copy()
@@ -168,9 +150,9 @@ def _about_positions(surfaces: list[Surface], stage_mm: npt.NDArray[np.float64],
         for number, surface in enumerate(surfaces)
         if group[number] != group[0]
     ]
-    for offset, motion, weight in zip(found.offsets, found.verdicts, found.placement.weight, strict=True):
+    for offset, motion, counts in zip(found.offsets, found.verdicts, found.placement.counts, strict=True):
         pair = f"{surfaces[offset.first].name} and {surfaces[offset.second].name}"
-        if weight < 0.1:
+        if not counts:
             lines.append(f"{pair}: their offset contradicts the others and was left out")
         elif motion.verdict == "doubtful":
             lines.append(f"{pair}: doubtful: {motion.reason}")

@@ -9,7 +9,7 @@ from pathlib import Path
 from configs import Campaign, CampaignFile, InputError
 
 from ..campaign import run_campaign
-from ..check import load_checked
+from ..check import load_scheduled
 from ..clock import RealClock
 from ..companions import Companion
 from ..forecast import forecast_lines
@@ -34,8 +34,9 @@ def run(
     """Monitor on a schedule; go on where an earlier run ended.
 
     Prints ``committed scan N TIME`` once a scan is durable. A visit that fails is recorded, and the campaign goes on.
-    Slots that nobody answered are recorded as missed with their cause, never caught up. Ctrl-C finishes the scan under
-    way. Exit code 4: scans were missed, rejected or failed while it ran.
+    Slots that nobody answered are recorded as missed with their cause, never caught up. Where the campaign has an
+    `area:`, each visit covers all its tiles. Ctrl-C finishes the scan under way. Exit code 4: scans were missed,
+    rejected or failed while it ran.
 
     Parameters
     ----------
@@ -59,7 +60,7 @@ def run(
     """
     if max_scans is not None and max_scans < 1:
         raise InputError(f"--max-scans must be at least 1, not {max_scans}")
-    file = load_checked(campaign)
+    file = load_scheduled(campaign)
     if dry_run:
         for line in forecast_lines(file.campaign, RealClock().now()):
             print(line)
@@ -89,7 +90,7 @@ def scan(campaign: Path) -> int:
     --------
     microrelief scan soil.yaml
     """
-    file = load_checked(campaign)
+    file = load_scheduled(campaign)
     ended: list[Settled] = []
     set_up_log()
     with Teller(file.campaign) as teller:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from configs import InputError
 
-from ..check import load_checked
+from ..check import load_scheduled
 
 __all__ = ["service", "unit_text"]
 
@@ -78,7 +78,7 @@ def unit_text(campaign: Path, user: str, status_port: int | None = None) -> str:
     InputError
         If the campaign is wrong, or a name holds what a unit file cannot.
     """
-    settings = load_checked(campaign).campaign
+    settings = load_scheduled(campaign).campaign
     file = campaign.resolve()
     words = (str(file), str(settings.store.beside.resolve()), user)
     if any(set(word) & set(" %\"'\n\\") for word in words):

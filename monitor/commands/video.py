@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from configs import InputError, MicroreliefError, parse_duration
 
-from ..check import load_checked
+from ..check import load_scheduled
 from ..companions import Companion
 from ..log import set_up_log
 from ..onlooker import Onlooker
@@ -51,7 +51,7 @@ def video(
     microrelief video video.yaml --for 20s
     microrelief video video.yaml --live
     """
-    file = load_checked(campaign)
+    file = load_scheduled(campaign)
     settings = file.campaign
     if settings.schedule.video is None:
         raise InputError(f"{campaign}: its schedule is no video: write `schedule: {{video: {{rate_hz: 1}}}}`")

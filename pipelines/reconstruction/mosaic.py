@@ -16,6 +16,7 @@ __all__ = ["Offset", "Placement", "Seam", "place_tiles", "seam_between"]
 Floats = npt.NDArray[np.float64]
 ROUNDS = 30
 TUKEY = 4.685
+LEAST_WEIGHT = 0.1
 LEAST_SEAM_CELLS = 50
 
 
@@ -44,7 +45,7 @@ class Placement:
     residual_mm : ndarray of float64, shape (offsets, 3)
         Offset less the difference of the adjusted positions.
     group : ndarray of int, shape (tiles,)
-        Tiles that offsets join have the same number; between groups only the stage's coordinates tell.
+        Tiles that offsets which count join have the same number; between groups only the stage's coordinates tell.
     """
 
     position_mm: Floats
@@ -52,6 +53,11 @@ class Placement:
     weight: Floats
     residual_mm: Floats
     group: npt.NDArray[np.int32]
+
+    @property
+    def counts(self) -> npt.NDArray[np.bool_]:
+        """Which offsets count: the others contradict them."""
+        return self.weight > LEAST_WEIGHT
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,10 +99,7 @@ def place_tiles(
     second = np.array([one.second for one in offsets], dtype=np.intp)
     shift = np.array([one.shift_mm for one in offsets], dtype=np.float64).reshape(count, 3)
     sigma = np.array([one.sigma_mm for one in offsets], dtype=np.float64).reshape(count, 3)
-    joins = np.zeros((tiles, tiles), dtype=np.bool_)
-    joins[first, second] = True
-    _, group = csgraph.connected_components(joins, directed=False)
-    redundant = 3 * (count - tiles + len(set(group.tolist())))
+    redundant = 3 * (count - tiles + len(set(_groups(tiles, first, second).tolist())))
     weight = np.ones(count)
     position, spread = commanded_mm.astype(np.float64), np.zeros((tiles, 3))
     residual = np.zeros((count, 3))
@@ -115,11 +118,19 @@ def place_tiles(
             weight = np.maximum(1 - (size / (TUKEY * scale)) ** 2, 0) ** 2
             if np.abs(position - before).max() < 1e-7:
                 break
+    kept = weight > LEAST_WEIGHT
     if redundant > 0 and count:
-        kept = weight > 0.1
         chi2 = float(((residual[kept] / sigma[kept]) ** 2).sum()) / max(1, redundant - 3 * int((~kept).sum()))
         spread = spread * max(1.0, np.sqrt(chi2))
-    return Placement(position, spread, weight, residual, group)
+    return Placement(position, spread, weight, residual, _groups(tiles, first[kept], second[kept]))
+
+
+def _groups(tiles: int, first: npt.NDArray[np.intp], second: npt.NDArray[np.intp]) -> npt.NDArray[np.int32]:
+    """Number the sets of tiles that pairs join."""
+    joins = np.zeros((tiles, tiles), dtype=np.bool_)
+    joins[first, second] = True
+    group: npt.NDArray[np.int32] = csgraph.connected_components(joins, directed=False)[1]
+    return group
 
 
 def _solve(

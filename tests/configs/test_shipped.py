@@ -19,7 +19,7 @@ CAMPAIGNS = sorted(file.name for file in FOLDER.glob("*.yaml"))
 
 
 def test_these_ship() -> None:
-    assert CAMPAIGNS == ["demo.yaml", "microbes.yaml", "site.yaml", "soil.yaml", "video.yaml"]
+    assert CAMPAIGNS == ["area.yaml", "demo.yaml", "microbes.yaml", "site.yaml", "soil.yaml", "video.yaml"]
 
 
 @pytest.mark.parametrize("name", CAMPAIGNS)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import re
-import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,19 +12,26 @@ import pytest
 
 from configs import Area, CaptureError, DeviceUnavailable, InputError
 from monitor.cli import run_tokens
+from monitor.clock import AcceleratedClock
+from monitor.recipe import stage_of
 from monitor.rigs import SimulatedStage
-from monitor.tiles import TileScan, plan_tiles
+from monitor.tile_folder import TileFolder
+from monitor.tiles import TileWalk, plan_tiles
 from pipelines import Frames, Instant, PatternSet, parse_instant
 from storage import read_height_map, read_stage
+
+from .exact_rig import exact_calibration
 
 NOW = parse_instant("2026-11-22T21:00:00Z")
 SETTINGS = """
 site: {name: crust}
 store: {path: crust.icechunk}
-rig: {name: simulated, options: {camera: [240, 180], scene_options: {side_mm: 40}, faults: {1: unplugged}}}
+rig:
+  name: simulated
+  options: {camera: [240, 180], drift_mm: 0, scene_options: {side_mm: 40}, faults: {1: unplugged}}
 schedule: {every: 1 h}
 patterns: {kind: gray, size: [608, 684], bits: [8, 8]}
-calibration: {simulated: true}
+calibration: {file: exact.json}
 area:
   stage: {kind: simulated, error_mm: 0.02}
   x_mm: [0, 5]
@@ -76,58 +82,48 @@ class Rig:
 
 
 @pytest.fixture
-def scan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> TileScan:
-    monkeypatch.setattr("monitor.tiles.remarks", lambda frames: ())  # black frames of a stand-in
+def scan(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> TileFolder:
+    monkeypatch.setattr("monitor.tile_folder.remarks", lambda frames: ())  # black frames of a stand-in
     where = area(x_mm=[0.0, 8.0], y_mm=[0.0, 0.0], tries=2, axes=("-x", "y"))
     tiles = plan_tiles(where, (4.0, 4.0))
     assert len(tiles) == 4
-    waited: list[float] = []
-    return TileScan(where, tiles, Rig(), SimulatedStage(), SMALL, tmp_path, lambda: NOW, waited.append)
+    walk = TileWalk(where, Rig(), SimulatedStage(), SMALL, lambda seconds: None)
+    return TileFolder(walk, tiles, tmp_path, lambda: NOW)
 
 
-def test_a_tile_is_tried_again_and_one_that_stays_bad_is_left_out(scan: TileScan) -> None:
+def test_a_tile_is_tried_again_and_one_that_stays_bad_is_left_out(scan: TileFolder) -> None:
     bad = CaptureError("capture rejected: saturation")
-    scan.rig = Rig(None, bad, None, bad, bad, None)
+    scan.walk.rig = Rig(None, bad, None, bad, bad, None)
     told = {visited.tile.name: visited.cause for visited in scan.visit_all()}
     assert told == {"tile_01_01": "", "tile_01_02": "", "tile_01_03": str(bad), "tile_01_04": ""}
     stage = read_stage(scan.stage_file)
     assert list(stage.tiles) == ["tile_01_01", "tile_01_02", "tile_01_04"]
     assert (stage.axes, stage.sigma_mm) == (("-x", "y"), 0.05)
-    assert isinstance(scan.stage, SimulatedStage)
-    assert scan.stage.sample_mm == (0.0, 0.0)  # back at the first
+    assert isinstance(scan.walk.stage, SimulatedStage)
+    assert scan.walk.stage.sample_mm == (0.0, 0.0)  # back at the first
 
 
-def test_a_device_that_stays_away_ends_the_scan_and_the_next_run_goes_on(scan: TileScan) -> None:
+def test_a_device_that_stays_away_ends_the_scan_and_the_next_run_goes_on(scan: TileFolder) -> None:
     gone = DeviceUnavailable("the camera went away")
-    rig = scan.rig = Rig(None, gone, None, gone, gone)
+    rig = scan.walk.rig = Rig(None, gone, None, gone, gone)
     with pytest.raises(DeviceUnavailable, match="went away"):
         list(scan.visit_all())
     assert rig.opened == 3  # once at first, and once after each time it went away
     (scan.folder / "tile_01_03").mkdir()
     (scan.folder / "tile_01_03" / "00_white.png").write_text("half")  # ended in the middle of writing it
-    again = TileScan(scan.area, scan.tiles, Rig(), SimulatedStage(), SMALL, scan.folder, lambda: NOW, lambda s: None)
+    again = TileFolder(replace(scan.walk, rig=Rig()), scan.tiles, scan.folder, lambda: NOW)
     again.resume()
     assert [visited.again for visited in again.visit_all()] == [True, True, False, False]
     assert list(read_stage(scan.stage_file).tiles) == [tile.name for tile in scan.tiles]
-    other = TileScan(
-        scan.area,
-        (replace(scan.tiles[0], x_mm=1.0),),
-        Rig(),
-        scan.stage,
-        SMALL,
-        scan.folder,
-        lambda: NOW,
-        lambda s: None,
-    )
+    other = TileFolder(scan.walk, (replace(scan.tiles[0], x_mm=1.0),), scan.folder, lambda: NOW)
     with pytest.raises(InputError, match="holds tiles of another plan"):
         other.resume()
 
 
-def test_a_stop_ends_after_the_tile_under_way(scan: TileScan) -> None:
-    scan.stop = threading.Event()
+def test_a_stop_ends_after_the_tile_under_way(scan: TileFolder) -> None:
     visits = scan.visit_all()
     next(visits)
-    scan.stop.set()
+    scan.walk.stop.set()
     assert list(visits) == []
     assert list(scan.taken) == ["tile_01_01"]
 
@@ -136,7 +132,9 @@ def test_the_simulated_rig_scans_an_area_that_mosaic_puts_together(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("monitor.commands.area.RealClock", lambda: AcceleratedClock(NOW))  # the rig's noise hangs on it
     Path("soil.yaml").write_text(SETTINGS)
+    Path("exact.json").write_text(exact_calibration((240, 180)).to_json())
     assert run_tokens(["area", "soil.yaml", "--out", "crust", "--dry-run"]) == 0
     assert "2 tiles" in capsys.readouterr().out
     assert not Path("crust").exists()
@@ -154,11 +152,17 @@ def test_the_simulated_rig_scans_an_area_that_mosaic_puts_together(
     real = stage.sample_mm
     line = re.search(r"tile_01_02 +(-?[\d.]+) +(-?[\d.]+) ", said_again)
     assert line is not None
-    # the stage's axes lie turned against the image's: lengths are the same in both; the sample itself lies 4 um beside
-    assert np.hypot(float(line[1]), float(line[2])) == pytest.approx(np.hypot(*real), abs=0.015)
+    assert [float(line[1]), float(line[2])] == pytest.approx(real, abs=0.005)
     scan = read_height_map(Path("all.tif"), print)
     assert scan.grid.columns * scan.grid.pitch_mm > 17.0  # one field is about 15 mm wide
     assert scan.coverage > 0.9
+
+
+def test_a_simulated_stage_does_not_carry_what_a_real_rig_looks_at() -> None:
+    with pytest.raises(
+        InputError, match=r"area\.stage: the simulated stage carries the simulated rig's sample, and no"
+    ):
+        stage_of(area(), Rig())
 
 
 def test_without_an_area_it_says_what_to_write(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -171,10 +175,10 @@ def test_without_an_area_it_says_what_to_write(tmp_path: Path, capsys: pytest.Ca
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ("x_mm: [9, 0]", r"soil\.yaml:10:9: area\.x_mm: must go from the lesser to the greater"),
+        ("x_mm: [9, 0]", r"soil\.yaml:12:9: area\.x_mm: must go from the lesser to the greater"),
         ("x_mm: [0, 0]", r"area\.x_mm: the stage goes nowhere"),
         ("axes: [x, -x]", r"area\.axes: must be one along x and one along y"),
-        ("stage: {kind: gcoad}", r"soil\.yaml:9:\d+: area\.stage: .*did you mean 'gcode'"),
+        ("stage: {kind: gcoad}", r"soil\.yaml:11:\d+: area\.stage: .*did you mean 'gcode'"),
     ],
 )
 def test_a_wrong_area_is_told_at_its_place(
@@ -182,7 +186,7 @@ def test_a_wrong_area_is_told_at_its_place(
 ) -> None:
     key = wrong.partition(":")[0]
     lines = [line for line in SETTINGS.splitlines() if not line.strip().startswith(f"{key}:")]
-    place = 9 if key != "stage" else 8
+    place = 11 if key != "stage" else 10
     lines.insert(place, f"  {wrong}")
     file = tmp_path / "soil.yaml"
     file.write_text("\n".join(lines))

@@ -11,7 +11,6 @@ import numpy.typing as npt
 import pytest
 
 from monitor.cli import run_tokens
-from monitor.rigs.optics_model import paper_optics
 from monitor.rigs.simulated import SimulatedRig
 from monitor.stitching import stitch
 from monitor.views import pose_matrix
@@ -20,6 +19,8 @@ from pipelines import reconstruction as rec
 from pipelines.scenes import SCENES
 from storage import read_height_map, write_height_map
 from tests.pipelines.change.scans import bumps, sampled, scan_of
+
+from .exact_rig import exact_calibration
 
 SURFACE = bumps(seed=4)
 NOISE = 0.003
@@ -93,11 +94,7 @@ def test_the_uncertainty_of_a_place_is_of_the_right_size() -> None:
 def two_views(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The simulated rig sees soil, then the same soil turned by half a turn and shifted: other walls in shadow."""
     folder = tmp_path_factory.mktemp("views")
-    optics = paper_optics((480, 360))
-    camera, projector = optics.camera, optics.projector
-    turn = projector.R @ camera.R.T
-    site = np.c_[camera.R.T, -camera.R.T @ camera.t_mm]
-    rig = Calibration(camera.lens, projector.lens, turn, projector.t_mm - turn @ camera.t_mm, site, {"stereo": 0.1})
+    rig = exact_calibration((480, 360))
     (folder / "rig.json").write_text(rig.to_json())
     simulated = SimulatedRig(camera=(480, 360))
     simulated.open()

@@ -49,8 +49,7 @@ def test_an_offset_that_went_astray_is_left_out() -> None:
     wrong = offsets[5]
     offsets[5] = Offset(wrong.first, wrong.second, (wrong.shift_mm[0] + 0.2, *wrong.shift_mm[1:]), wrong.sigma_mm)
     found = place_tiles(commanded, offsets, STAGE)
-    assert found.weight[5] < 0.1
-    assert np.sort(found.weight)[1] > 0.1
+    assert np.flatnonzero(~found.counts).tolist() == [5]
     assert np.abs(found.position_mm - real).max() < 0.006
 
 
@@ -61,6 +60,19 @@ def test_a_tile_without_offset_stays_where_the_stage_says() -> None:
     np.testing.assert_allclose(found.position_mm[2], commanded[2])
     np.testing.assert_allclose(found.sigma_mm[2], STAGE)
     assert list(found.group == found.group[0]) == [True, True, False]
+
+
+def test_a_tile_whose_offsets_all_contradict_belongs_to_no_other() -> None:
+    random = np.random.default_rng(3)
+    commanded, real = grid_of_tiles(random)
+    offsets = neighbours(real, random, 0.001)
+    for number, sign in zip((k for k, each in enumerate(offsets) if each.second == 15), (1, -1), strict=True):
+        x, y, z = offsets[number].shift_mm
+        offsets[number] = Offset(offsets[number].first, 15, (x + 0.3 * sign, y, z), offsets[number].sigma_mm)
+    found = place_tiles(commanded, offsets, STAGE)
+    assert found.counts.sum() == len(offsets) - 2
+    assert list(found.group == found.group[0]) == [True] * 15 + [False]
+    np.testing.assert_allclose(found.position_mm[15], commanded[15], atol=1e-6)
 
 
 def test_a_seam_is_measured() -> None:
