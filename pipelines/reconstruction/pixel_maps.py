@@ -26,6 +26,9 @@ class Decoded:
         The white frame, scaled to 8 bits.
     contrast : ndarray of uint8, shape (row, column)
         White minus black, scaled to 8 bits.
+    shared : (float, float)
+        Variance of column and of row, px squared, that neighbouring lines of the image have in common: of ``sigma``
+        the part that a mean over lines does not make less.
     """
 
     column: npt.NDArray[np.float32]
@@ -35,6 +38,7 @@ class Decoded:
     level: npt.NDArray[np.uint8]
     texture: npt.NDArray[np.uint8]
     contrast: npt.NDArray[np.uint8]
+    shared: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,6 +55,8 @@ class PointMap:
         (column, row) on the projector, px.
     level, texture : ndarray of uint8, shape (row, column)
         As in `Decoded`.
+    shared_mm2 : float
+        Variance along the camera's axis that neighbouring lines of the image have in common, mm squared.
     """
 
     xyz: npt.NDArray[np.float32]
@@ -58,6 +64,7 @@ class PointMap:
     projector: npt.NDArray[np.float32]
     level: npt.NDArray[np.uint8]
     texture: npt.NDArray[np.uint8]
+    shared_mm2: float = 0.0
 
     @property
     def valid(self) -> npt.NDArray[np.bool_]:
