@@ -29,7 +29,7 @@ def conclude(total, cover, deepest, rim, pitch, sharing, wide, height, sigma, te
     Heights are moved to the cell's centre along its slope. Of the relief in a cell, noise explains a part, and the
     cell's slope another. What lies in the part of a cell that is not seen is as far from its mean as what is seen.
     Where all of it is seen, each point stands for the middle of its share: the mean of n is off by 1 / sqrt(12 n) of
-    what no slope explains.
+    what no slope explains. What lines share of the points' variance, and beside it, goes down by `left` only.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def conclude(total, cover, deepest, rim, pitch, sharing, wide, height, sigma, te
     cover : ndarray of float32, shape (cell,)
     deepest, rim : ndarray of uint8, shape (cell,)
     pitch : float
-    sharing : (float, float, float)
+    sharing : (float, float, float, float)
         As `surface.Sharing`.
     wide : bool
     height, sigma, texture, level : ndarray, shape (cell,)
@@ -53,7 +53,8 @@ def conclude(total, cover, deepest, rim, pitch, sharing, wide, height, sigma, te
     )
     slopes_y, squares, counts = total[SLOPE_Y], total[SQUARE], total[COUNT]
     lights, firsts, inners = total[LIGHT], total[FIRST], total[INNER]
-    apart, shared, left = np.float32(sharing[0]), np.float32(sharing[1]), np.float32(sharing[2])
+    apart, within = np.float32(sharing[0]), np.float32(sharing[1])
+    beside, left = np.float32(sharing[2]), np.float32(sharing[3])
     unit, side = np.float32(pitch / (OFFSET * FINE)), np.float32(pitch)
     one, zero, nan, sampled = np.float32(1), np.float32(0), np.float32(np.nan), np.float32(1 / 12)
     own_cover = zero if wide else one  # inner pixels of a fine grid are in `cover` already
@@ -74,10 +75,9 @@ def conclude(total, cover, deepest, rim, pitch, sharing, wide, height, sigma, te
         bent = max(relief - steep * side * side / np.float32(12), zero)
         inner = read(inners, n)
         unseen = max(one - inner, zero)
-        variance = (
-            own * part + min(own, shared) * max(left - part, zero) + relief * unseen * unseen + bent * sampled / count
-        )
-        borrowed = aside * share
+        decoded = own * part + min(own, within) * max(left - part, zero) + beside * left
+        variance = decoded + relief * unseen * unseen + bent * sampled / count
+        borrowed = aside * share + beside
         spread = np.sqrt(borrowed if lent else variance)
         covered = lent | (read(cover, n) + own_cover * inner >= HALF)
         signed = spread if covered else -spread

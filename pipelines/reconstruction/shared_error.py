@@ -2,32 +2,40 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 
 from .pinhole import project
+from .pixel_maps import Shared
 from .rig_model import Calibration
 from .sight import on_plane
 
-__all__ = ["carrier", "left_by_mean", "shared_by", "shared_mm2", "telling_lines"]
+__all__ = ["Pick", "carrier", "left_by_mean", "shared_by_lines", "shared_mm2"]
 
 LINES = 6  # of the image, that tell what neighbouring lines share
 FEW = 200
 STEP_MM = 0.01  # of height, over which the projector's px per mm are taken
 LEAST_GROWTH = 1e-3  # projector px per camera px
 
+FARTHER = 1, 2, 4, 8  # cells over which second differences are taken
+AS_SMOOTH = 2.0  # times the mean square over a cell: beyond, relief shows over that distance
+
 Floats = npt.NDArray[np.float32]
+Pick = Callable[[npt.NDArray[np.int64], int], tuple[Floats, Floats, Floats, Floats]]
 
 
-def shared_mm2(shared: tuple[float, float], calibration: Calibration) -> float:
-    """Variance of distances that lines share, mm squared, from those of column and row (px squared).
+def shared_mm2(shared: tuple[Shared, Shared], calibration: Calibration) -> Shared:
+    """What lines share of distances, mm squared, from what they share of column and row (px squared).
 
     By how far a place on the projector moves with the distance in the middle of the image, along the axis that carries
     the parallax; how steep the surface is does not matter there.
     """
-    px_per_mm = _parallax(calibration)
     axis = carrier(calibration)
-    return shared[axis] / float(px_per_mm[axis]) ** 2
+    per_px2 = 1 / float(_parallax(calibration)[axis]) ** 2
+    return Shared(shared[axis].within * per_px2, shared[axis].beside * per_px2)
 
 
 def carrier(calibration: Calibration) -> int:
@@ -69,21 +77,12 @@ def left_by_mean(side_px: float, apart: float, here: Floats, aside: Floats, belo
         return 1.0
     if np.median(shift) > np.median(growth):
         growth, shift = shift, growth
-    growth = np.maximum(growth, LEAST_GROWTH)
-    left = [alone + (1 - alone) * np.sinc(lines * turn) ** 2
-            for turn in (1 - growth * np.rint(1 / growth), shift / growth)]  # fmt: skip
+    turns = _off_whole(growth), shift / np.maximum(growth, LEAST_GROWTH)
+    left = [alone + (1 - alone) * np.sinc(lines * turn) ** 2 for turn in turns]
     return float(np.mean(left[0] * left[1]))
 
 
-def telling_lines(shape: tuple[int, ...], cell: int) -> npt.NDArray[np.int64]:
-    """Which lines, of so many of such a length, tell what neighbouring ones share; none in a small image."""
-    lines, length = shape
-    if cell < 1 or lines <= 2 * cell or length <= 2 * cell:
-        return np.empty(0, np.int64)
-    return np.linspace(cell, lines - cell - 1, min(LINES, lines - 2 * cell)).astype(np.int64)
-
-
-def shared_by(before: Floats, here: Floats, after: Floats, variance: Floats, cell: int) -> tuple[float, float]:
+def shared_by_lines(pick: Pick, shape: tuple[int, int], cell: int) -> tuple[float, Shared]:
     """Variance of positions that neighbouring lines share, projector px squared: what moves an edge all along.
 
     Sharper edges than the pixels resolve, and light that flickers, displace an edge in all lines alike where it runs
@@ -93,34 +92,103 @@ def shared_by(before: Floats, here: Floats, after: Floats, variance: Floats, cel
     positions are linear. What is missing of noise, as the variances say it or as it is seen across if that is less, is
     added. Medians, of the whole capture: surfaces break off.
 
+    Where cells are nearly whole pixels wide, edges a cell apart lie alike in their pixels and are off alike: farther
+    ones are looked at too, as long as the surface is as smooth over that distance as over a cell. There the same error,
+    a wave of the edges' phase, shows with 6 - 8 cos(t) + 2 cos(2 t), t being what the phase goes on by.
+
     Parameters
     ----------
-    before, here, after : ndarray of float32, shape (line, px)
-        Positions along some lines, and along those a cell to either side, projector px.
-    variance : ndarray of float32, shape (line, px)
-        Of `here`, negative where there was no edge on both sides.
+    pick : callable
+        Of numbers of lines and a distance in lines: positions along these lines, along those so far before and behind
+        them, and the variances of the first, negative where there was no edge on both sides; each (line, px).
+    shape : (int, int)
+        Lines, px.
     cell : int
         Camera px.
 
     Returns
     -------
-    unseen, whole : float
-        What lines share beyond the variances, and with it what of the variances does not scatter across the lines: the
-        profile of the edge is the same in all of them.
+    unseen : float
+        What lines share beyond the variances.
+    shared : Shared
+        Within: that, and what of the variances does not scatter across the lines, as the profile of an edge is the same
+        in all of them. Beside: what only farther edges tell.
+    """
+    unseen = said = noise = smooth = most = bound = 0.0
+    shows = False
+    for distance in (cell * times for times in FARTHER):
+        first, at = distance == cell, telling_lines(shape, distance)
+        told = differences(*pick(at, distance), distance, even=not first) if len(at) else None
+        if told is None:
+            break
+        if first:
+            said, noise, smooth = told.variance, min(told.variance, told.across / 6), AS_SMOOTH * told.across
+        bare = told.along - told.apart * noise
+        relief = told.across - 6 * noise
+        if first:
+            unseen = most = max(bare - relief, 0.0) / told.apart
+        elif told.across <= smooth:
+            most = max(most, (bare - relief) / max(told.apart, told.in_phase))
+        bound, shows = max(bound, bare / told.apart), told.in_phase > told.apart
+        if shows:
+            break
+    within = unseen + said - noise
+    return unseen, Shared(min(within, bound) if shows else within, max(most - within, 0.0))
+
+
+def telling_lines(shape: tuple[int, int], cell: int) -> npt.NDArray[np.int64]:
+    """Which lines, of so many of such a length, tell what neighbouring ones share; none in a small image."""
+    lines, length = shape
+    if cell < 1 or lines <= 2 * cell or length <= 2 * cell:
+        return np.empty(0, np.int64)
+    return np.linspace(cell, lines - cell - 1, min(LINES, lines - 2 * cell)).astype(np.int64)
+
+
+class Differences(NamedTuple):
+    """Mean squares of second differences by their medians, the variance that is said, and what errors show in them."""
+
+    along: float
+    across: float
+    variance: float
+    apart: float
+    in_phase: float
+
+
+def differences(
+    before: Floats, here: Floats, after: Floats, variance: Floats, distance: int, *, even: bool
+) -> Differences | None:
+    """Compare second differences along lines and across them, over so many px; None where too little is known.
+
+    `even` leaves out what all have in common: over many px lenses bend straight lines.
     """
     here = np.where(variance > 0, here, np.float32(np.nan))
-    along = np.abs(here[:, : -2 * cell] - 2 * here[:, cell:-cell] + here[:, 2 * cell :])
-    across = np.abs(before - 2 * here + after)[:, cell:-cell]
+    along = here[:, : -2 * distance] - 2 * here[:, distance:-distance] + here[:, 2 * distance :]
+    across = (before - 2 * here + after)[:, distance:-distance]
     known = np.isfinite(along) & np.isfinite(across)
     if known.sum() < FEW:
-        return 0.0, 0.0
-    a, b = (float(np.median(values[known])) / 0.6745 for values in (along, across))
-    said = float(np.median(variance[:, cell:-cell][known]))
-    noise = min(said, b * b / 6)
-    step = float(np.median(np.abs(here[:, 2 * cell :] - here[:, : -2 * cell])[known])) / 2
-    shown = 6 - 8 * _in_common(step) + 2 * _in_common(2 * step)
-    unseen = max(a * a - b * b + (6 - shown) * noise, 0.0) / shown
-    return unseen, unseen + said - noise
+        return None
+    a, b = (_spread(values[known], float(np.median(values[known])) if even else 0.0) for values in (along, across))
+    step = float(np.median(np.abs(here[:, 2 * distance :] - here[:, : -2 * distance])[known])) / 2
+    growth = np.abs(here[:, 2 * distance :] - here[:, : -2 * distance])[known] / (2 * distance)
+    turn = 2 * np.pi * distance * _off_whole(growth)
+    return Differences(
+        a * a,
+        b * b,
+        float(np.median(variance[:, distance:-distance][known])),
+        6 - 8 * _in_common(step) + 2 * _in_common(2 * step),
+        float(np.mean(6 - 8 * np.cos(turn) + 2 * np.cos(2 * turn))),
+    )
+
+
+def _spread(values: Floats, mean: float) -> float:
+    """Standard deviation by the median, as surfaces break off."""
+    return float(np.median(np.abs(values - np.float32(mean)))) / 0.6745
+
+
+def _off_whole(growth: Floats) -> Floats:
+    """By how much the phase of edges goes on per camera px, turns, where cells are 1 / growth px wide."""
+    growth = np.maximum(growth, np.float32(LEAST_GROWTH))
+    return np.asarray(1 - growth * np.rint(1 / growth), np.float32)
 
 
 def _in_common(apart: float) -> float:

@@ -15,9 +15,9 @@ from .frames import Frames
 from .light import Light, read_light
 from .line_pictures import Stack, every, line_pictures
 from .local_integration import integrate
-from .pixel_maps import Decoded
+from .pixel_maps import Decoded, Shared
 from .scatter_kernels import TILE, settle
-from .shared_error import shared_by, telling_lines
+from .shared_error import shared_by_lines
 from .threshold import tilt_of
 
 __all__ = ["locate", "refine"]
@@ -67,9 +67,9 @@ def refine(frames: Frames, decoded: Decoded, light: Light | None = None) -> Deco
     if not isinstance(decoded, Cells):
         return decoded
     light = light or read_light(frames, RUNS)
-    found: list[tuple[Floats, Floats, float]] = []
+    found: list[tuple[Floats, Floats, Shared]] = []
     for number, cells in enumerate(decoded.axes):
-        place, sigma, shared = *(np.empty(frames.stack.shape[1:], np.float32) for _ in range(2)), 0.0
+        place, sigma, shared = *(np.empty(frames.stack.shape[1:], np.float32) for _ in range(2)), Shared()
         if cells is None:
             place[:] = sigma[:] = np.nan
         else:
@@ -96,8 +96,8 @@ def _between_edges(
     light: Light,
     place: Floats,
     sigma: Floats,
-) -> float:
-    """Fill the positions and sigmas of one axis; give the variance that its lines share."""
+) -> Shared:
+    """Fill the positions and sigmas of one axis; give what its lines share."""
     steps = decoded.steps[axis]
     tilt = tilt_of(axis, decoded.levels, light)
     stack = cast(Stack, np.ascontiguousarray(frames.stack))
@@ -115,9 +115,10 @@ def _between_edges(
     return shared
 
 
-def _shared_by_lines(place: Floats, variance: Floats, down: bool, cell: int) -> tuple[float, float]:
-    """Read `shared_by` off the lines of an image that `telling_lines` names."""
+def _shared_by_lines(place: Floats, variance: Floats, down: bool, cell: int) -> tuple[float, Shared]:
+    """As `shared_by_lines`, of an image."""
     if down:
         place, variance = place.T, variance.T
-    at = telling_lines(place.shape, cell)
-    return shared_by(place[at - cell], place[at], place[at + cell], variance[at], cell) if len(at) else (0.0, 0.0)
+    return shared_by_lines(
+        lambda at, distance: (place[at - distance], place[at], place[at + distance], variance[at]), place.shape, cell
+    )

@@ -23,7 +23,7 @@ from .gridding import field_mm, pixel_mm
 from .height_doubt import add_rows, doubt_mm, doubt_of_cells
 from .lay_kernels import lay, to_site
 from .mend_kernels import mend
-from .pixel_maps import Decoded, PointMap
+from .pixel_maps import Decoded, PointMap, Shared
 from .reconstruct import check_projector
 from .rig_model import Calibration
 from .shared_error import carrier, left_by_mean, shared_mm2
@@ -95,7 +95,7 @@ def to_scan(
 
     laid = _lay(source, points.level.shape, calibration, grid, mixed=False, background=not remove_background)
     some = stripe_samples(points.projector[..., 0], points.projector[..., 1])
-    return _sum_up(laid, points.texture, points.level, some, points.shared_mm2, calibration, grid, time)
+    return _sum_up(laid, points.texture, points.level, some, points.shared, calibration, grid, time)
 
 
 def scan_frames(
@@ -139,10 +139,11 @@ class Sharing(NamedTuple):
 
     apart: float
     """Points along a line of which errors are shared as if they were one."""
-    shared_mm2: float = 0.0
-    """Variance that lines have in common."""
+    within: float = 0.0
+    beside: float = 0.0
+    """As of `Shared`, mm squared."""
     left: float = 1.0
-    """The share of it that is left in the mean of a whole cell."""
+    """The share of these that is left in the mean of a whole cell."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -220,7 +221,7 @@ def _sum_up(
     texture: npt.NDArray[np.uint8],
     level: npt.NDArray[np.uint8],
     some: Sequence[Samples],
-    shared: float,
+    shared: Shared,
     calibration: Calibration,
     grid: Grid,
     time: Instant,
@@ -275,11 +276,11 @@ def _usual(calibration: Calibration, grid: Grid) -> tuple[float, float]:
     return x / grid.pitch_mm / 2, y / grid.pitch_mm / 2
 
 
-def sharing(some: Sequence[Samples], shared: float, calibration: Calibration, usual: tuple[float, float]) -> Sharing:
+def sharing(some: Sequence[Samples], shared: Shared, calibration: Calibration, usual: tuple[float, float]) -> Sharing:
     """What the points of a cell share, from samples of both axes and the variance that lines share, mm squared."""
     apart = max(1.0, SHARED * stripe_px(some))
     side_px = 0.5 / math.sqrt(usual[0] * usual[1])
-    return Sharing(apart, shared, left_by_mean(side_px, apart, *some[carrier(calibration)]))
+    return Sharing(apart, *shared, left_by_mean(side_px, apart, *some[carrier(calibration)]))
 
 
 def stripe_samples(column: F32, row: F32) -> tuple[Samples, ...]:

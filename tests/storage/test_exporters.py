@@ -100,7 +100,7 @@ def test_points(tmp_path: Path) -> None:
     points = _points()
     write_points(points, tmp_path / "points.npz")
     with np.load(tmp_path / "points.npz") as data:
-        assert set(data.files) == {"xyz", "sigma_z", "projector", "level", "texture", "shared_mm2"}
+        assert set(data.files) == {"xyz", "sigma_z", "projector", "level", "texture", "shared"}
         np.testing.assert_array_equal(data["xyz"], points.xyz)
         np.testing.assert_array_equal(data["projector"], points.projector)
     write_points(points, tmp_path / "points.ply")

@@ -173,7 +173,8 @@ def _fill(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     one, zero, sampled = np.float32(1), np.float32(0), np.float32(1 / 12)
     usual_area = np.float32(4 * usual[0] * usual[1] / (CODE * CODE))
     gap = np.float32(STEEPEST * pitch)
-    apart, shared, left = np.float32(sharing[0]), np.float32(sharing[1]), np.float32(sharing[2])
+    apart, within = np.float32(sharing[0]), np.float32(sharing[1])
+    beside, left = np.float32(sharing[2]), np.float32(sharing[3])
     for n in range(cuda.grid(1), height.size, cuda.gridsize(1)):
         row, column = n // columns - 1, n % columns
         if not 0 <= row < rows:
@@ -235,7 +236,8 @@ def _fill(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
         count, share = sums[COUNT, 0], one / sums[WEIGHT, 0]
         level[row + 1, column] = np.uint8(deepest + rim)
         if count == 0:  # lent
-            height[row + 1, column], sigma[row + 1, column] = sums[HEIGHT, 0] * share, np.sqrt(sums[ASIDE, 0] * share)
+            height[row + 1, column] = sums[HEIGHT, 0] * share
+            sigma[row + 1, column] = np.sqrt(sums[ASIDE, 0] * share + beside)
             texture[row + 1, column] = np.uint8(sums[LIGHT, 0] * share)
             continue
         moved = sums[ASIDE, 0] * sums[SLOPE_X, 0] + sums[ALONG, 0] * sums[SLOPE_Y, 0]
@@ -249,9 +251,8 @@ def _fill(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
         seen = max(sums[SQUARE, 0] * share - mean * mean - own, zero)
         bent = max(seen - steep * np.float32(pitch) * np.float32(pitch) / np.float32(12), zero)
         unseen = max(one - sums[INNER, 0], zero)
-        spread = np.sqrt(
-            own * part + min(own, shared) * max(left - part, zero) + seen * unseen * unseen + bent * sampled / count
-        )
+        decoded = own * part + min(own, within) * max(left - part, zero) + beside * left
+        spread = np.sqrt(decoded + seen * unseen * unseen + bent * sampled / count)
         area = np.float32(area + (zero if wide else sums[INNER, 0]))
         sigma[row + 1, column] = spread if area >= HALF else -spread
         texture[row + 1, column] = np.uint8(sums[LIGHT, 0] / count)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 from numba import cuda, float32
 
 from ..cells import AxisCells
@@ -11,14 +12,16 @@ from ..frames import Frames
 from ..kernels import NO_CELL
 from ..light import Light
 from ..line_pictures import line_pictures, raster
-from ..pixel_maps import Decoded
+from ..pixel_maps import Decoded, Shared
 from ..scatter_kernels import LINES, TILE, _add_bend, _limit, _root, _second, _sum_of, _unexplained, _usual, lags_across
-from ..shared_error import shared_by, telling_lines
+from ..shared_error import shared_by_lines
 from ..threshold import tilt_of
 from .card import OnCard, cached, clear, empty, kernel, launch, up
 from .gray import Steps
 
 __all__ = ["Placed", "bring", "place"]
+
+Floats = npt.NDArray[np.float32]
 
 
 class Placed:
@@ -31,7 +34,7 @@ class Placed:
         sigma_column: OnCard,
         sigma_row: OnCard,
         level: OnCard,
-        shared: tuple[float, float],
+        shared: tuple[Shared, Shared],
     ) -> None:
         self.column, self.row, self.sigma_column, self.sigma_row = column, row, sigma_column, sigma_row
         self.level, self.shared = level, shared
@@ -50,7 +53,7 @@ def place(frames: Frames, found: Steps, light: Light) -> Placed:
     shape = found.contrast.shape
     size = found.contrast.size
     level = clear(size, np.uint8)
-    places, shared = [], [0.0, 0.0]
+    places, shared = [], [Shared(), Shared()]
     for axis, cells in enumerate(found.axes):
         fine, spread = empty(shape, np.float32), empty(shape, np.float32)
         if cells is None:
@@ -73,7 +76,7 @@ def _between_edges(
     tilt: np.ndarray[tuple[int, ...], np.dtype[np.float32]],
     fine: OnCard,
     spread: OnCard,
-) -> float:
+) -> Shared:
     steps = found.steps[axis]
     rows, columns = raster(steps.shape)
     coarse = empty((-(-steps.shape[0] // rows), -(-steps.shape[1] // columns)), np.uint16)
@@ -88,7 +91,7 @@ def _between_edges(
     return _settled(fine, spread, down, reach)
 
 
-def _settled(fine: OnCard, spread: OnCard, down: bool, cell: int) -> float:
+def _settled(fine: OnCard, spread: OnCard, down: bool, cell: int) -> Shared:
     """Variances to sigmas, in place, as `subpixel` does; medians of a few lines are taken on the CPU.
 
     Sums are taken as the CPU takes them: a thread per column of a band of tiles, then one per tile.
@@ -109,16 +112,17 @@ def _settled(fine: OnCard, spread: OnCard, down: bool, cell: int) -> float:
     return shared
 
 
-def _shared_by_lines(fine: OnCard, variance: OnCard, down: bool, cell: int) -> tuple[float, float]:
+def _shared_by_lines(fine: OnCard, variance: OnCard, down: bool, cell: int) -> tuple[float, Shared]:
     """As `subpixel._shared_by_lines`, of lines that are picked on the card."""
     lines, length = fine.shape[::-1] if down else fine.shape
-    at = telling_lines((lines, length), cell)
-    if not len(at):
-        return 0.0, 0.0
-    some = empty((4, len(at), length), np.float32)
-    launch(_pick, len(at) * length, fine, variance, up(at), down, cell, some)
-    before, here, after, own = some.copy_to_host()
-    return shared_by(before, here, after, own, cell)
+
+    def pick(at: npt.NDArray[np.int64], distance: int) -> tuple[Floats, Floats, Floats, Floats]:
+        some = empty((4, len(at), length), np.float32)
+        launch(_pick, len(at) * length, fine, variance, up(at), down, distance, some)
+        before, here, after, own = some.copy_to_host()
+        return before, here, after, own
+
+    return shared_by_lines(pick, (lines, length), cell)
 
 
 @kernel

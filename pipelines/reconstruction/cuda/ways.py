@@ -18,7 +18,7 @@ from ..decode import decode
 from ..frames import Frames
 from ..height_doubt import doubt_mm, doubt_of_cells
 from ..light import frame_of, read_light
-from ..pixel_maps import Decoded, PointMap
+from ..pixel_maps import Decoded, PointMap, Shared
 from ..reconstruct import check_projector
 from ..rig_model import Calibration
 from ..shared_error import shared_mm2
@@ -103,7 +103,7 @@ def to_scan(
     some = stripe_samples(points.projector[..., 0], points.projector[..., 1])
     texture, level = up(points.texture), up(points.level)
     return _gridded(
-        planes_of(points), texture, level, some, points.shared_mm2, calibration, grid, time,
+        planes_of(points), texture, level, some, points.shared, calibration, grid, time,
         background=not remove_background,
     )  # fmt: skip
 
@@ -147,7 +147,7 @@ def _gridded(
     texture: OnCard,
     level: OnCard,
     some: Sequence[Samples],
-    shared: float,
+    shared: Shared,
     calibration: Calibration,
     grid: Grid,
     time: Instant,
