@@ -73,7 +73,7 @@ class PointMap:
     projector: npt.NDArray[np.float32]
     level: npt.NDArray[np.uint8]
     texture: npt.NDArray[np.uint8]
-    shared: Shared = Shared()  # noqa: RUF009  # frozen
+    shared: Shared = Shared()  # noqa: RUF009  # a frozen value
 
     @property
     def valid(self) -> npt.NDArray[np.bool_]:

@@ -73,8 +73,8 @@ def to_scan(
     Neighbouring points are placed between the same edges of stripes, so n points of a cell are worth
     (1 + (sqrt(n) - 1) / s)^2 independent ones, s being `SHARED` widths of the stripes in camera pixels: along the lines
     by geometry, and across them because relief, texture and blur reach about as far there. Noise alone is independent
-    from line to line: on smooth surfaces the heights themselves show it (`smooth_cells.tell_smooth`). What the
-    calibration leaves open they share altogether.
+    from line to line: on smooth surfaces the heights themselves show it (`smooth_cells.tell_smooth`). What all lines
+    share (`shared_error`) goes down less, and what the calibration leaves open they share altogether.
 
     Parameters
     ----------
