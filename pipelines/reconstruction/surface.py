@@ -227,7 +227,9 @@ def _sum_up(
     time: Instant,
 ) -> Scan:
     usual, stripe = _usual(calibration, grid), stripe_px(some)
-    height, sigma, *light = fill_cells(laid, texture, level, grid, usual, sharing(some, shared, calibration, usual))
+    height, sigma, *light = fill_cells(
+        laid, texture, level, grid, usual, sharing(stripe, some, shared, calibration, usual)
+    )
     tell_smooth(height, sigma, reach_of(stripe, usual))
     doubt_of_cells(sigma, grid, calibration)
     return Scan(grid, time, height, sigma, light[0], light[1], calibration.id)
@@ -276,9 +278,11 @@ def _usual(calibration: Calibration, grid: Grid) -> tuple[float, float]:
     return x / grid.pitch_mm / 2, y / grid.pitch_mm / 2
 
 
-def sharing(some: Sequence[Samples], shared: Shared, calibration: Calibration, usual: tuple[float, float]) -> Sharing:
-    """What the points of a cell share, from samples of both axes and the variance that lines share, mm squared."""
-    apart = max(1.0, SHARED * stripe_px(some))
+def sharing(
+    stripe: float, some: Sequence[Samples], shared: Shared, calibration: Calibration, usual: tuple[float, float]
+) -> Sharing:
+    """What the points of a cell share, by the width of stripes (px), samples of both axes, and what lines share."""
+    apart = max(1.0, SHARED * stripe)
     side_px = 0.5 / math.sqrt(usual[0] * usual[1])
     return Sharing(apart, *shared, left_by_mean(side_px, apart, *some[carrier(calibration)]))
 

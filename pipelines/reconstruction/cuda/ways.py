@@ -155,10 +155,10 @@ def _gridded(
     background: bool,
 ) -> Scan:
     laid = lay(planes, calibration, grid, background=background)
-    usual = _usual(calibration, grid)
-    filled = fill_cells(laid, texture, level, grid, usual, sharing(some, shared, calibration, usual))
+    usual, stripe = _usual(calibration, grid), stripe_px(some)
+    filled = fill_cells(laid, texture, level, grid, usual, sharing(stripe, some, shared, calibration, usual))
     height, sigma, light, coarsest = (each.copy_to_host() for each in filled)
-    tell_smooth(height, sigma, reach_of(stripe_px(some), usual))
+    tell_smooth(height, sigma, reach_of(stripe, usual))
     doubt_of_cells(sigma, grid, calibration)
     return Scan(grid, time, height, sigma, light, coarsest, calibration.id)
 
