@@ -34,8 +34,9 @@ def shared_mm2(shared: tuple[Shared, Shared], calibration: Calibration) -> Share
     By how far a place on the projector moves with the distance in the middle of the image, along the axis that carries
     the parallax; how steep the surface is does not matter there.
     """
-    axis = carrier(calibration)
-    per_px2 = 1 / float(_parallax(calibration)[axis]) ** 2
+    px_per_mm = _parallax(calibration)
+    axis = int(np.argmax(px_per_mm))
+    per_px2 = 1 / float(px_per_mm[axis]) ** 2
     return Shared(shared[axis].within * per_px2, shared[axis].beside * per_px2)
 
 
