@@ -17,7 +17,7 @@ from .change import Change, Comparison, Measurement, Metric, Motion
 from .grid import Grid
 from .instant import Instant, as_datetime, format_instant, instant, parse_instant
 from .quantities import MINUS, NOT_MEASURED_TEXT, plain, unit_text, with_uncertainty
-from .reconstruction import Calibration, Decoded, Frames, Lens, PatternSet, PointMap
+from .reconstruction import Calibration, Decoded, Frames, Lens, PatternSet, PointMap, Shared
 from .scan import LEVEL_NONE, Scan
 from .tick import Event, Tick
 from .trends import ALARM_STATES, ENVIRONMENT, AlarmState
@@ -46,6 +46,7 @@ __all__ = [
     "PatternSet",
     "PointMap",
     "Scan",
+    "Shared",
     "StandingAlarm",
     "Tick",
     "acknowledgements",

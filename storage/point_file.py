@@ -8,7 +8,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from configs import InputError
-from pipelines import PointMap
+from pipelines import PointMap, Shared
 
 __all__ = ["holds_points", "read_points"]
 
@@ -38,6 +38,7 @@ def read_points(file: Path) -> PointMap:
     try:
         with np.load(file, allow_pickle=False) as data:
             arrays = {name: data[name] for name, _, _ in FIELDS + BYTES}
+            shared = data["shared"] if "shared" in data.files else ()  # older files know nothing of it
     except KeyError as error:
         raise InputError(f"{file}: holds no {str(error.args[0]).split()[0]!r}: reconstruct it anew") from None
     except (OSError, ValueError, BadZipFile, EOFError) as error:
@@ -46,4 +47,4 @@ def read_points(file: Path) -> PointMap:
         array = arrays[name]
         if array.dtype != dtype or array.ndim != dimensions or array.shape[:2] != arrays["xyz"].shape[:2]:
             raise InputError(f"{file}: {name} is {array.dtype} of shape {array.shape}: reconstruct it anew")
-    return PointMap(**arrays)
+    return PointMap(**arrays, shared=Shared(*map(float, shared)))

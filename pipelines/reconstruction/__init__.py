@@ -14,7 +14,7 @@ from .merge import LEVEL_CONTESTED, Merged, View, edge_weight, merge
 from .mosaic import Offset, Placement, Seam, place_tiles, seam_between
 from .optics import CHIPS, PAPER_SETUP, Figure, OpticsSetup, conflicts, work_out
 from .patterns import PAPER_STRIPES, FrameRole, PatternSet
-from .pixel_maps import Decoded, PointMap
+from .pixel_maps import Decoded, PointMap, Shared
 from .reconstruct import reconstruct
 from .regrid import covering_grid, regrid
 from .resolution import ContrastCurve, DepthOfField, Roi, depth_of_field, object_pixel_um, usaf_contrast, usaf_line_um
@@ -57,6 +57,7 @@ __all__ = [
     "PoseResidual",
     "Roi",
     "Seam",
+    "Shared",
     "StripeContrast",
     "View",
     "bow_mm",

@@ -23,13 +23,13 @@ WEIGHT, HEIGHT, ASIDE, ALONG, SLOPE_X, SLOPE_Y, SQUARE, COUNT, LIGHT, FIRST, LOW
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def conclude(total, cover, deepest, rim, pitch, shared, wide, height, sigma, texture, level):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
+def conclude(total, cover, deepest, rim, pitch, sharing, wide, height, sigma, texture, level):  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     """Height, sigma, texture and level of the cells of a band from their sums.
 
     Heights are moved to the cell's centre along its slope. Of the relief in a cell, noise explains a part, and the
     cell's slope another. What lies in the part of a cell that is not seen is as far from its mean as what is seen.
     Where all of it is seen, each point stands for the middle of its share: the mean of n is off by 1 / sqrt(12 n) of
-    what no slope explains.
+    what no slope explains. What lines share of the points' variance, and beside it, goes down by `left` only.
 
     Parameters
     ----------
@@ -37,7 +37,9 @@ def conclude(total, cover, deepest, rim, pitch, shared, wide, height, sigma, tex
         Sums, or of a cell without a point of its own (`COUNT` 0) what it was lent: area, height, variance and light.
     cover : ndarray of float32, shape (cell,)
     deepest, rim : ndarray of uint8, shape (cell,)
-    pitch, shared : float
+    pitch : float
+    sharing : (float, float, float, float)
+        As `surface.Sharing`.
     wide : bool
     height, sigma, texture, level : ndarray, shape (cell,)
         Filled; sigma is negative where less than half is covered.
@@ -51,7 +53,9 @@ def conclude(total, cover, deepest, rim, pitch, shared, wide, height, sigma, tex
     )
     slopes_y, squares, counts = total[SLOPE_Y], total[SQUARE], total[COUNT]
     lights, firsts, inners = total[LIGHT], total[FIRST], total[INNER]
-    apart, unit, side = np.float32(shared), np.float32(pitch / (OFFSET * FINE)), np.float32(pitch)
+    apart, within = np.float32(sharing[0]), np.float32(sharing[1])
+    beside, left = np.float32(sharing[2]), np.float32(sharing[3])
+    unit, side = np.float32(pitch / (OFFSET * FINE)), np.float32(pitch)
     one, zero, nan, sampled = np.float32(1), np.float32(0), np.float32(np.nan), np.float32(1 / 12)
     own_cover = zero if wide else one  # inner pixels of a fine grid are in `cover` already
     for n in range(height.size):
@@ -63,6 +67,7 @@ def conclude(total, cover, deepest, rim, pitch, shared, wide, height, sigma, tex
         moved = aside * slope_x + read(alongs, n) * slope_y
         centred = mean - moved * (unit * share * share)
         worth = one + (np.sqrt(count) - one) / apart
+        part = one / (worth * worth)
         own = share * count
         steep = (slope_x * slope_x + slope_y * slope_y) * (share * share / np.float32(FINE * FINE))
         mean_off = mean - read(firsts, n)
@@ -70,8 +75,9 @@ def conclude(total, cover, deepest, rim, pitch, shared, wide, height, sigma, tex
         bent = max(relief - steep * side * side / np.float32(12), zero)
         inner = read(inners, n)
         unseen = max(one - inner, zero)
-        variance = own / (worth * worth) + relief * unseen * unseen + bent * sampled / count
-        borrowed = aside * share
+        decoded = own * part + min(own, within) * max(left - part, zero) + beside * left
+        variance = decoded + relief * unseen * unseen + bent * sampled / count
+        borrowed = aside * share + beside
         spread = np.sqrt(borrowed if lent else variance)
         covered = lent | (read(cover, n) + own_cover * inner >= HALF)
         signed = spread if covered else -spread

@@ -44,7 +44,7 @@ def drop_beyond(farthest, M, place, columns, cell, above, local):  # type: ignor
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def fill(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
-    laid, texture_in, level_in, usual, pitch, shared, height, sigma, texture, level, first, last
+    laid, texture_in, level_in, usual, pitch, sharing, height, sigma, texture, level, first, last
 ):
     """Sum up the points of the cells of a band of rows.
 
@@ -75,7 +75,7 @@ def fill(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
             laid, texture_in, level_in, usual, pitch, gap, spill, wide, total, cover, deepest, rim, first, last, columns
         )
     conclude(
-        total, cover.reshape(-1), deepest, rim, pitch, shared, wide, height[first:last].reshape(-1),
+        total, cover.reshape(-1), deepest, rim, pitch, sharing, wide, height[first:last].reshape(-1),
         sigma[first:last].reshape(-1), texture[first:last].reshape(-1), level[first:last].reshape(-1),
     )  # fmt: skip
 

@@ -3,11 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Decoded", "PointMap"]
+__all__ = ["Decoded", "PointMap", "Shared"]
+
+
+class Shared(NamedTuple):
+    """Variance that neighbouring lines of an image have in common, so that a mean over lines does not make it less."""
+
+    within: float = 0.0
+    """A part of what sigma says."""
+    beside: float = 0.0
+    """What it does not say: errors of edges that all lie alike in their pixels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +36,8 @@ class Decoded:
         The white frame, scaled to 8 bits.
     contrast : ndarray of uint8, shape (row, column)
         White minus black, scaled to 8 bits.
+    shared : (Shared, Shared)
+        Of column and of row, px squared.
     """
 
     column: npt.NDArray[np.float32]
@@ -35,6 +47,7 @@ class Decoded:
     level: npt.NDArray[np.uint8]
     texture: npt.NDArray[np.uint8]
     contrast: npt.NDArray[np.uint8]
+    shared: tuple[Shared, Shared] = (Shared(), Shared())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,6 +64,8 @@ class PointMap:
         (column, row) on the projector, px.
     level, texture : ndarray of uint8, shape (row, column)
         As in `Decoded`.
+    shared : Shared
+        Of the distance along the camera's axis, mm squared.
     """
 
     xyz: npt.NDArray[np.float32]
@@ -58,6 +73,7 @@ class PointMap:
     projector: npt.NDArray[np.float32]
     level: npt.NDArray[np.uint8]
     texture: npt.NDArray[np.uint8]
+    shared: Shared = Shared()  # noqa: RUF009  # a frozen value
 
     @property
     def valid(self) -> npt.NDArray[np.bool_]:

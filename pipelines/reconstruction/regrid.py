@@ -11,7 +11,7 @@ from ..grid import Grid
 from ..scan import Scan
 from ..slabs import in_slabs
 from .lay_kernels import lay, to_site
-from .surface import Laid, fill_cells
+from .surface import Laid, Sharing, fill_cells
 
 __all__ = ["covering_grid", "regrid"]
 
@@ -52,7 +52,7 @@ def regrid(scan: Scan, matrix: Floats, grid: Grid) -> Scan:
         size[0],
         lambda a, b: lay(planes, a, b, place, grid.shape, (half, half), *(array[a:b] for array in laid.arrays)),
     )
-    height, sigma, *light = fill_cells(laid, scan.texture, scan.level, grid, (half, half), APART)
+    height, sigma, *light = fill_cells(laid, scan.texture, scan.level, grid, (half, half), Sharing(APART))
     if not np.isfinite(scan.sigma).any():
         sigma[:] = np.nan
     return Scan(grid, scan.time, height, sigma, light[0], light[1], scan.calibration_id)

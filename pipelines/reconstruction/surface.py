@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -23,18 +23,20 @@ from .gridding import field_mm, pixel_mm
 from .height_doubt import add_rows, doubt_mm, doubt_of_cells
 from .lay_kernels import lay, to_site
 from .mend_kernels import mend
-from .pixel_maps import Decoded, PointMap
+from .pixel_maps import Decoded, PointMap, Shared
 from .reconstruct import check_projector
 from .rig_model import Calibration
+from .shared_error import carrier, left_by_mean, shared_mm2
 from .smooth_cells import reach_of, tell_smooth
 from .subpixel import locate
 from .triangulate import triangulate_bands
 
-__all__ = ["Laid", "fill_cells", "scan_decoded", "scan_frames", "to_scan"]
+__all__ = ["Laid", "Sharing", "fill_cells", "scan_decoded", "scan_frames", "sharing", "to_scan"]
 
 F32 = npt.NDArray[np.float32]
 Source = Callable[[int, int, F32], None]
 """Writes x, y, z (camera frame) and sigma of some image rows into planes, (4, row, column)."""
+Samples = tuple[F32, F32, F32]
 
 # Widths of the finest stripe that share an error. Edges err independently, one a stripe; a position between two of them
 # has (1 - t)^2 + t^2 of their variance, two thirds in the mean: so many stripes are worth that share of them.
@@ -71,8 +73,8 @@ def to_scan(
     Neighbouring points are placed between the same edges of stripes, so n points of a cell are worth
     (1 + (sqrt(n) - 1) / s)^2 independent ones, s being `SHARED` widths of the stripes in camera pixels: along the lines
     by geometry, and across them because relief, texture and blur reach about as far there. Noise alone is independent
-    from line to line: on smooth surfaces the heights themselves show it (`smooth_cells.tell_smooth`). What the
-    calibration leaves open they share altogether.
+    from line to line: on smooth surfaces the heights themselves show it (`smooth_cells.tell_smooth`). What all lines
+    share (`shared_error`) goes down less, and what the calibration leaves open they share altogether.
 
     Parameters
     ----------
@@ -92,8 +94,8 @@ def to_scan(
         take_points(points.xyz[first:last], points.sigma_z[first:last], planes)
 
     laid = _lay(source, points.level.shape, calibration, grid, mixed=False, background=not remove_background)
-    stripe = _stripe_px(points.projector[..., 0], points.projector[..., 1])
-    return _sum_up(laid, points.texture, points.level, stripe, calibration, grid, time)
+    some = stripe_samples(points.projector[..., 0], points.projector[..., 1])
+    return _sum_up(laid, points.texture, points.level, some, points.shared, calibration, grid, time)
 
 
 def scan_frames(
@@ -128,8 +130,20 @@ def scan_decoded(
     """
     source = triangulate_bands(decoded, calibration)
     laid = _lay(source, decoded.level.shape, calibration, grid, mixed=True, background=not remove_background)
-    stripe = _stripe_px(decoded.column, decoded.row)
-    return _sum_up(laid, decoded.texture, decoded.level, stripe, calibration, grid, time)
+    some, shared = stripe_samples(decoded.column, decoded.row), shared_mm2(decoded.shared, calibration)
+    return _sum_up(laid, decoded.texture, decoded.level, some, shared, calibration, grid, time)
+
+
+class Sharing(NamedTuple):
+    """What the points of a cell share of their errors, as the kernels take it."""
+
+    apart: float
+    """Points along a line of which errors are shared as if they were one."""
+    within: float = 0.0
+    beside: float = 0.0
+    """As of `Shared`, mm squared."""
+    left: float = 1.0
+    """The share of these that is left in the mean of a whole cell."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -206,15 +220,17 @@ def _sum_up(
     laid: Laid,
     texture: npt.NDArray[np.uint8],
     level: npt.NDArray[np.uint8],
-    stripe_px: float,
+    some: Sequence[Samples],
+    shared: Shared,
     calibration: Calibration,
     grid: Grid,
     time: Instant,
 ) -> Scan:
-    usual = _usual(calibration, grid)
-    shared = max(1.0, SHARED * stripe_px)
-    height, sigma, *light = fill_cells(laid, texture, level, grid, usual, shared)
-    tell_smooth(height, sigma, reach_of(stripe_px, usual))
+    usual, stripe = _usual(calibration, grid), stripe_px(some)
+    height, sigma, *light = fill_cells(
+        laid, texture, level, grid, usual, sharing(stripe, some, shared, calibration, usual)
+    )
+    tell_smooth(height, sigma, reach_of(stripe, usual))
     doubt_of_cells(sigma, grid, calibration)
     return Scan(grid, time, height, sigma, light[0], light[1], calibration.id)
 
@@ -225,11 +241,11 @@ def fill_cells(
     level_in: npt.NDArray[np.uint8],
     grid: Grid,
     usual: tuple[float, float],
-    shared: float,
+    sharing: Sharing,
 ) -> tuple[F32, F32, npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
     """Fill the cells, in bands of rows of the grid: height, sigma, texture and level.
 
-    `usual` are the half sides of a usual footprint, cells; `shared` says over how many points errors are shared.
+    `usual` are the half sides of a usual footprint, cells.
     """
     out = (
         np.empty(grid.shape, np.float32),
@@ -237,7 +253,7 @@ def fill_cells(
         np.empty(grid.shape, np.uint8),
         np.empty(grid.shape, np.uint8),
     )
-    band = partial(fill, laid.arrays, texture_in, level_in, usual, grid.pitch_mm, shared, *out)
+    band = partial(fill, laid.arrays, texture_in, level_in, usual, grid.pitch_mm, sharing, *out)
     in_slabs(grid.rows, band, step=CELL_ROWS)
     _mend(out, np.float32(STEEPEST * grid.pitch_mm))
     return out
@@ -262,15 +278,20 @@ def _usual(calibration: Calibration, grid: Grid) -> tuple[float, float]:
     return x / grid.pitch_mm / 2, y / grid.pitch_mm / 2
 
 
-def _stripe_px(column: F32, row: F32) -> float:
-    """Camera pixels per projector pixel, along the axis that is seen more coarsely."""
+def sharing(
+    stripe: float, some: Sequence[Samples], shared: Shared, calibration: Calibration, usual: tuple[float, float]
+) -> Sharing:
+    """What the points of a cell share, by the width of stripes (px), samples of both axes, and what lines share."""
+    apart = max(1.0, SHARED * stripe)
+    side_px = 0.5 / math.sqrt(usual[0] * usual[1])
+    return Sharing(apart, *shared, left_by_mean(side_px, apart, *some[carrier(calibration)]))
+
+
+def stripe_samples(column: F32, row: F32) -> tuple[Samples, ...]:
+    """Of each axis positions at a raster of pixels, and at the next ones along and down the image."""
     rows, columns = stripe_raster(column.shape)
-    width = 1.0
-    for place in (column, row):
-        here = place[:-1:rows, :-1:columns]
-        aside, below = place[:-1:rows, 1::columns], place[1::rows, :-1:columns]
-        width = max(width, stripe_px(here, *(other[: here.shape[0], : here.shape[1]] for other in (aside, below))))
-    return width
+    return tuple((place[:-1:rows, :-1:columns], place[:-1:rows, 1::columns], place[1::rows, :-1:columns])
+                 for place in (column, row))  # fmt: skip
 
 
 def stripe_raster(shape: tuple[int, ...]) -> list[int]:
@@ -278,9 +299,12 @@ def stripe_raster(shape: tuple[int, ...]) -> list[int]:
     return [max(1, side // 200) for side in shape]
 
 
-def stripe_px(here: F32, aside: F32, below: F32) -> float:
-    """Camera pixels per projector pixel, from positions at pixels and at the next ones along and down the image."""
-    both = [float(np.median(change[np.isfinite(change)])) if np.isfinite(change).any() else 0.0
-            for change in (np.abs(aside - here), np.abs(below - here))]  # fmt: skip
-    growth = math.hypot(*both)
-    return 1 / growth if growth > 0 else 0.0
+def stripe_px(some: Sequence[Samples]) -> float:
+    """Camera pixels per projector pixel, along the axis that is seen more coarsely; at least 1."""
+    width = 1.0
+    for here, aside, below in some:
+        both = [float(np.median(change[np.isfinite(change)])) if np.isfinite(change).any() else 0.0
+                for change in (np.abs(aside - here), np.abs(below - here))]  # fmt: skip
+        growth = math.hypot(*both)
+        width = max(width, 1 / growth if growth > 0 else 0.0)
+    return width

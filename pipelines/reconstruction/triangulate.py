@@ -15,6 +15,7 @@ from .pixel_maps import Decoded, PointMap
 from .ray_kernels import map_points, plane_points
 from .ray_tables import LEAST_PARALLAX, ray_tables
 from .rig_model import Calibration
+from .shared_error import shared_mm2
 from .triangulate_parallel import triangulate_parallel
 
 __all__ = ["triangulate", "triangulate_bands"]
@@ -62,7 +63,8 @@ def triangulate(decoded: Decoded, calibration: Calibration) -> PointMap:
         map_points(*(array[first:last] for array in by_row), *fixed, *out)
 
     in_slabs(rows, slab)
-    return with_doubt(PointMap(xyz, sigma_z, projector, level, decoded.texture), calibration)
+    shared = shared_mm2(decoded.shared, calibration)
+    return with_doubt(PointMap(xyz, sigma_z, projector, level, decoded.texture, shared), calibration)
 
 
 def triangulate_bands(decoded: Decoded, calibration: Calibration) -> Callable[[int, int, Planes], None]:

@@ -15,6 +15,7 @@ from .height_doubt import with_doubt
 from .pixel_maps import Decoded, PointMap
 from .ray_tables import LEAST_PARALLAX, MARGIN_PX, SLACK_PX, ray_tables
 from .rig_model import Calibration
+from .shared_error import shared_mm2
 from .sight import projector_rows
 
 __all__ = ["triangulate_parallel"]
@@ -75,7 +76,8 @@ def triangulate_parallel(decoded: Decoded, calibration: Calibration) -> PointMap
         )
 
     in_slabs(rows, slab)
-    return with_doubt(PointMap(xyz, sigma_z, projector, level, decoded.texture), calibration)
+    shared = shared_mm2(decoded.shared, calibration)
+    return with_doubt(PointMap(xyz, sigma_z, projector, level, decoded.texture, shared), calibration)
 
 
 @nb.njit(cache=True, nogil=True, inline="always")

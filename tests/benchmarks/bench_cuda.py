@@ -17,8 +17,9 @@ from pipelines.reconstruction.cells import Cells
 from pipelines.reconstruction.clean import reject_mixed
 from pipelines.reconstruction.height_doubt import doubt_mm
 from pipelines.reconstruction.light import read_light
+from pipelines.reconstruction.shared_error import shared_mm2
 from pipelines.reconstruction.subpixel import RUNS as RUNS_OF_LIGHT
-from pipelines.reconstruction.surface import SHARED, _usual
+from pipelines.reconstruction.surface import _usual, sharing, stripe_px
 from tests.benchmarks.bench_reconstruct import COLUMNS, ROWS, capture
 from tests.pipelines.reconstruction.both_devices import Difference, both, differences, scenes
 from tests.pipelines.reconstruction.exact_rig import make_rig
@@ -160,10 +161,12 @@ def _one_scan(frames: Frames, rig: Calibration, grid: Grid, step: Callable[[str,
         points.drop_mixed(planes)
 
     step(MIXED, clean)
-    stripe = step("width of stripes (on the CPU)", lambda: ways._stripe_px(placed.column, placed.row))
+    some = step("width of stripes (on the CPU)", lambda: ways._stripe_samples(placed.column, placed.row))
     texture = step("texture to the card", lambda: up(ways._texture(frames)))
     on_grid = step("clean up, lay on the grid", lambda: laid.lay(planes, rig, grid, background=False))
-    given = on_grid, texture, placed.level, grid, _usual(rig, grid), max(1.0, SHARED * stripe)
+    usual = _usual(rig, grid)
+    shared = sharing(stripe_px(some), some, shared_mm2(placed.shared, rig), rig, usual)
+    given = on_grid, texture, placed.level, grid, usual, shared
     out = step(CELLS, lambda: filled.fill_cells(*given))
     step("height map back", lambda: [each.copy_to_host() for each in out])
 

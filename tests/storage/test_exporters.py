@@ -12,8 +12,8 @@ import tifffile
 import xarray as xr
 
 from configs import InputError
-from pipelines import PointMap
-from storage import create_store, read_height_map, write_height_map, write_points, write_series
+from pipelines import PointMap, Shared
+from storage import create_store, read_height_map, read_points, write_height_map, write_points, write_series
 
 from .ticks import GRID, METRICS, surface, tick
 
@@ -91,7 +91,7 @@ def _points() -> PointMap:
     sigma = np.full((6, 8), 0.01, np.float32)
     xyz[0], sigma[0] = np.nan, np.nan
     byte = np.arange(48, dtype=np.uint8).reshape(6, 8)
-    return PointMap(xyz, sigma, rng.uniform(0, 500, (6, 8, 2)).astype(np.float32), byte, byte)
+    return PointMap(xyz, sigma, rng.uniform(0, 500, (6, 8, 2)).astype(np.float32), byte, byte, Shared(2e-7, 3e-8))
 
 
 def test_points(tmp_path: Path) -> None:
@@ -100,9 +100,12 @@ def test_points(tmp_path: Path) -> None:
     points = _points()
     write_points(points, tmp_path / "points.npz")
     with np.load(tmp_path / "points.npz") as data:
-        assert set(data.files) == {"xyz", "sigma_z", "projector", "level", "texture"}
+        assert set(data.files) == {"xyz", "sigma_z", "projector", "level", "texture", "shared"}
         np.testing.assert_array_equal(data["xyz"], points.xyz)
         np.testing.assert_array_equal(data["projector"], points.projector)
+        np.savez(tmp_path / "older.npz", **{name: data[name] for name in data.files if name != "shared"})
+    assert read_points(tmp_path / "points.npz").shared == points.shared
+    assert read_points(tmp_path / "older.npz").shared == Shared()
     write_points(points, tmp_path / "points.ply")
     cloud = open3d.io.read_point_cloud(tmp_path / "points.ply")
     np.testing.assert_array_equal(np.asarray(cloud.points), points.xyz[points.valid])

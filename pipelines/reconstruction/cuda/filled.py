@@ -27,6 +27,7 @@ from ..cell_kernels import (
 from ..grid_kernels import STEEPEST, add_point, cells_met, half_side, overlap
 from ..lay_kernels import CODE, FINE, OFFSET
 from ..mend_kernels import amid, dense, enclosed
+from ..surface import Sharing
 from .card import OnCard, clear, empty, kernel, launch
 from .laid import LaidOnCard
 
@@ -37,7 +38,7 @@ PARTS = 13  # sums of a cell
 
 
 def fill_cells(
-    laid: LaidOnCard, texture: OnCard, level: OnCard, grid: Grid, usual: tuple[float, float], shared: float
+    laid: LaidOnCard, texture: OnCard, level: OnCard, grid: Grid, usual: tuple[float, float], sharing: Sharing
 ) -> tuple[OnCard, OnCard, OnCard, OnCard]:
     """As `surface.fill_cells`.
 
@@ -53,7 +54,7 @@ def fill_cells(
     light, deepest = (empty((rows, grid.columns), np.uint8) for _ in range(2))
     launch(
         _fill, rows * grid.columns, *own, *cover,
-        *_flat(laid, size), texture.reshape(size), level.reshape(size), usual, grid.pitch_mm, shared, wide,
+        *_flat(laid, size), texture.reshape(size), level.reshape(size), usual, grid.pitch_mm, tuple(sharing), wide,
         height, sigma, light, deepest,
     )  # fmt: skip
     out = (
@@ -163,7 +164,7 @@ def _sort(begins, ends, pixels):  # type: ignore[no-untyped-def]  # a kernel: nu
 @kernel
 def _fill(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     begins, ends, owned, cover_begins, cover_ends, covering,
-    cell, above, sigma_in, local, slope, texture_in, level_in, usual, pitch, shared, wide,
+    cell, above, sigma_in, local, slope, texture_in, level_in, usual, pitch, sharing, wide,
     height, sigma, texture, level,
 ):  # fmt: skip
     """As `grid_kernels.fill` and `cell_kernels.conclude`, into arrays with a row more at either end."""
@@ -171,7 +172,9 @@ def _fill(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
     nan, unit = np.float32(np.nan), np.float32(pitch / (OFFSET * FINE))
     one, zero, sampled = np.float32(1), np.float32(0), np.float32(1 / 12)
     usual_area = np.float32(4 * usual[0] * usual[1] / (CODE * CODE))
-    gap, apart = np.float32(STEEPEST * pitch), np.float32(shared)
+    gap = np.float32(STEEPEST * pitch)
+    apart, within = np.float32(sharing[0]), np.float32(sharing[1])
+    beside, left = np.float32(sharing[2]), np.float32(sharing[3])
     for n in range(cuda.grid(1), height.size, cuda.gridsize(1)):
         row, column = n // columns - 1, n % columns
         if not 0 <= row < rows:
@@ -233,12 +236,14 @@ def _fill(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
         count, share = sums[COUNT, 0], one / sums[WEIGHT, 0]
         level[row + 1, column] = np.uint8(deepest + rim)
         if count == 0:  # lent
-            height[row + 1, column], sigma[row + 1, column] = sums[HEIGHT, 0] * share, np.sqrt(sums[ASIDE, 0] * share)
+            height[row + 1, column] = sums[HEIGHT, 0] * share
+            sigma[row + 1, column] = np.sqrt(sums[ASIDE, 0] * share + beside)
             texture[row + 1, column] = np.uint8(sums[LIGHT, 0] * share)
             continue
         moved = sums[ASIDE, 0] * sums[SLOPE_X, 0] + sums[ALONG, 0] * sums[SLOPE_Y, 0]
         height[row + 1, column] = sums[HEIGHT, 0] * share - moved * (unit * share * share)
         worth = one + (np.sqrt(count) - one) / apart
+        part = one / (worth * worth)
         own = share * count
         mean = sums[HEIGHT, 0] * share - sums[FIRST, 0]
         steep = sums[SLOPE_X, 0] * sums[SLOPE_X, 0] + sums[SLOPE_Y, 0] * sums[SLOPE_Y, 0]
@@ -246,7 +251,8 @@ def _fill(  # type: ignore[no-untyped-def]  # a kernel: numba infers the types
         seen = max(sums[SQUARE, 0] * share - mean * mean - own, zero)
         bent = max(seen - steep * np.float32(pitch) * np.float32(pitch) / np.float32(12), zero)
         unseen = max(one - sums[INNER, 0], zero)
-        spread = np.sqrt(own / (worth * worth) + seen * unseen * unseen + bent * sampled / count)
+        decoded = own * part + min(own, within) * max(left - part, zero) + beside * left
+        spread = np.sqrt(decoded + seen * unseen * unseen + bent * sampled / count)
         area = np.float32(area + (zero if wide else sums[INNER, 0]))
         sigma[row + 1, column] = spread if area >= HALF else -spread
         texture[row + 1, column] = np.uint8(sums[LIGHT, 0] / count)

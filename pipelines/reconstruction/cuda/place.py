@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 from numba import cuda, float32
 
 from ..cells import AxisCells
@@ -11,29 +12,40 @@ from ..frames import Frames
 from ..kernels import NO_CELL
 from ..light import Light
 from ..line_pictures import line_pictures, raster
-from ..pixel_maps import Decoded
+from ..pixel_maps import Decoded, Shared
 from ..scatter_kernels import LINES, TILE, _add_bend, _limit, _root, _second, _sum_of, _unexplained, _usual, lags_across
-from ..subpixel import shared_by, telling_lines
+from ..shared_error import shared_by_lines
 from ..threshold import tilt_of
 from .card import OnCard, cached, clear, empty, kernel, launch, up
 from .gray import Steps
 
 __all__ = ["Placed", "bring", "place"]
 
+Floats = npt.NDArray[np.float32]
+
 
 class Placed:
     """A decoded capture on the card, as `Decoded`."""
 
-    def __init__(self, column: OnCard, row: OnCard, sigma_column: OnCard, sigma_row: OnCard, level: OnCard) -> None:
+    def __init__(
+        self,
+        column: OnCard,
+        row: OnCard,
+        sigma_column: OnCard,
+        sigma_row: OnCard,
+        level: OnCard,
+        shared: tuple[Shared, Shared],
+    ) -> None:
         self.column, self.row, self.sigma_column, self.sigma_row = column, row, sigma_column, sigma_row
-        self.level = level
+        self.level, self.shared = level, shared
 
 
 def bring(decoded: Decoded) -> Placed:
     """Bring to the card what was decoded on the CPU."""
     return Placed(
-        up(decoded.column), up(decoded.row), up(decoded.sigma_column), up(decoded.sigma_row), up(decoded.level)
-    )
+        up(decoded.column), up(decoded.row), up(decoded.sigma_column), up(decoded.sigma_row), up(decoded.level),
+        decoded.shared,
+    )  # fmt: skip
 
 
 def place(frames: Frames, found: Steps, light: Light) -> Placed:
@@ -41,16 +53,18 @@ def place(frames: Frames, found: Steps, light: Light) -> Placed:
     shape = found.contrast.shape
     size = found.contrast.size
     level = clear(size, np.uint8)
-    places = []
+    places, shared = [], [Shared(), Shared()]
     for axis, cells in enumerate(found.axes):
         fine, spread = empty(shape, np.float32), empty(shape, np.float32)
         if cells is None:
             launch(_nowhere, size, fine.reshape(size), spread.reshape(size))
         else:
-            _between_edges(frames, found, axis, cells, light.noise, tilt_of(axis, found.levels, light), fine, spread)
+            tilt = tilt_of(axis, found.levels, light)
+            shared[axis] = _between_edges(frames, found, axis, cells, light.noise, tilt, fine, spread)
             launch(_levels, size, found.steps[axis].reshape(size), level)
         places.append((fine, spread))
-    return Placed(places[0][0], places[1][0], places[0][1], places[1][1], level.reshape(shape))
+    (column, sigma_column), (row, sigma_row) = places
+    return Placed(column, row, sigma_column, sigma_row, level.reshape(shape), (shared[0], shared[1]))
 
 
 def _between_edges(
@@ -62,7 +76,7 @@ def _between_edges(
     tilt: np.ndarray[tuple[int, ...], np.dtype[np.float32]],
     fine: OnCard,
     spread: OnCard,
-) -> None:
+) -> Shared:
     steps = found.steps[axis]
     rows, columns = raster(steps.shape)
     coarse = empty((-(-steps.shape[0] // rows), -(-steps.shape[1] // columns)), np.uint16)
@@ -74,17 +88,17 @@ def _between_edges(
         _place, steps.size, found.stack, given.white, given.black, plus, minus, up(given.tilt), up(given.wave),
         edge, centre, width, up(given.unsure), given.noise, given.scale, steps, found.contrast, down, fine, spread,
     )  # fmt: skip
-    _settled(fine, spread, down, reach)
+    return _settled(fine, spread, down, reach)
 
 
-def _settled(fine: OnCard, spread: OnCard, down: bool, cell: int) -> None:
-    """Variances to sigmas, in place, as `edge_kernels.settle`; medians of a few lines are taken on the CPU.
+def _settled(fine: OnCard, spread: OnCard, down: bool, cell: int) -> Shared:
+    """Variances to sigmas, in place, as `subpixel` does; medians of a few lines are taken on the CPU.
 
     Sums are taken as the CPU takes them: a thread per column of a band of tiles, then one per tile.
     """
     H, W = fine.shape
     bands, tiles = -(-H // TILE), -(-W // TILE)
-    shared = np.float32(_shared_by_lines(fine, spread, down, cell))
+    unseen, shared = _shared_by_lines(fine, spread, down, cell)
     lags = (cell, 0) if down else (0, cell)
     across = lags_across(*lags)
     limit, scatter = empty((bands, W), np.float32), empty((bands, W), np.float32)
@@ -94,19 +108,21 @@ def _settled(fine: OnCard, spread: OnCard, down: bool, cell: int) -> None:
         launch(_differ, limit.size, fine, spread, across, limit, columns)
         launch(_sum_tiles, bands * (tiles + 2), columns, sums)
         launch(_judge, bands * tiles, sums, out is limit, out)
-    launch(_settle, fine.size, fine, spread, lags, scatter, shared)
+    launch(_settle, fine.size, fine, spread, lags, scatter, np.float32(unseen))
+    return shared
 
 
-def _shared_by_lines(fine: OnCard, variance: OnCard, down: bool, cell: int) -> float:
+def _shared_by_lines(fine: OnCard, variance: OnCard, down: bool, cell: int) -> tuple[float, Shared]:
     """As `subpixel._shared_by_lines`, of lines that are picked on the card."""
     lines, length = fine.shape[::-1] if down else fine.shape
-    at = telling_lines((lines, length), cell)
-    if not len(at):
-        return 0.0
-    some = empty((4, len(at), length), np.float32)
-    launch(_pick, len(at) * length, fine, variance, up(at), down, cell, some)
-    before, here, after, own = some.copy_to_host()
-    return shared_by(before, here, after, own, cell)
+
+    def pick(at: npt.NDArray[np.int64], distance: int) -> tuple[Floats, Floats, Floats, Floats]:
+        some = empty((4, len(at), length), np.float32)
+        launch(_pick, len(at) * length, fine, variance, up(at), down, distance, some)
+        before, here, after, own = some.copy_to_host()
+        return before, here, after, own
+
+    return shared_by_lines(pick, (lines, length), cell)
 
 
 @kernel

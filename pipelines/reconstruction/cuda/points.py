@@ -11,7 +11,7 @@ from numba import cuda, float32
 from ...scan import LEVEL_NONE
 from ..clean_kernels import _on_no_surface
 from ..height_doubt import LEAST
-from ..pixel_maps import Decoded, PointMap
+from ..pixel_maps import Decoded, PointMap, Shared
 from ..ray_kernels import _from_one_axis, _points_of_line
 from ..ray_tables import LEAST_PARALLAX, ray_tables
 from ..rig_model import Calibration
@@ -90,7 +90,7 @@ def drop_mixed(planes: OnCard) -> None:
     launch(_forget, size, planes, mixed)
 
 
-def point_map(planes: OnCard, placed: Placed, sight: Sight, texture: Any) -> PointMap:
+def point_map(planes: OnCard, placed: Placed, sight: Sight, texture: Any, shared: Shared) -> PointMap:
     """Bring the points back as `PointMap` keeps them."""
     rows, columns = placed.column.shape
     xyz, projector = empty((rows, columns, 3), np.float32), empty((rows, columns, 2), np.float32)
@@ -100,7 +100,7 @@ def point_map(planes: OnCard, placed: Placed, sight: Sight, texture: Any) -> Poi
         placed.level, planes, xyz, projector, level,
     )  # fmt: skip
     sigma = planes[3].copy_to_host()
-    return PointMap(xyz.copy_to_host(), sigma, projector.copy_to_host(), level.copy_to_host(), texture)
+    return PointMap(xyz.copy_to_host(), sigma, projector.copy_to_host(), level.copy_to_host(), texture, shared)
 
 
 @kernel

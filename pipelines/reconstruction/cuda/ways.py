@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
@@ -18,13 +18,13 @@ from ..decode import decode
 from ..frames import Frames
 from ..height_doubt import doubt_mm, doubt_of_cells
 from ..light import frame_of, read_light
-from ..pixel_maps import Decoded, PointMap
+from ..pixel_maps import Decoded, PointMap, Shared
 from ..reconstruct import check_projector
 from ..rig_model import Calibration
+from ..shared_error import shared_mm2
 from ..smooth_cells import reach_of, tell_smooth
 from ..subpixel import RUNS
-from ..surface import SHARED, _usual, stripe_px, stripe_raster
-from ..surface import _stripe_px as stripe_px_of
+from ..surface import Samples, _usual, sharing, stripe_px, stripe_raster, stripe_samples
 from ..triangulate_parallel import triangulate_parallel
 from .card import SIMULATED, OnCard, empty, kernel, launch, up, up_quickly
 from .filled import fill_cells
@@ -86,7 +86,7 @@ def reconstruct(frames: Frames, calibration: Calibration) -> PointMap:
     planes = triangulate(placed, sight)
     add_doubt(planes[3], doubt_mm(calibration), 1.0)
     drop_mixed(planes)
-    return point_map(planes, placed, sight, _texture(frames))
+    return point_map(planes, placed, sight, _texture(frames), shared_mm2(placed.shared, calibration))
 
 
 @_told()
@@ -100,11 +100,12 @@ def to_scan(
     DeviceUnavailable
         The card has no room, is held by another program, or fell out.
     """
-    stripe = stripe_px_of(points.projector[..., 0], points.projector[..., 1])
+    some = stripe_samples(points.projector[..., 0], points.projector[..., 1])
     texture, level = up(points.texture), up(points.level)
     return _gridded(
-        planes_of(points), texture, level, stripe, calibration, grid, time, background=not remove_background
-    )
+        planes_of(points), texture, level, some, points.shared, calibration, grid, time,
+        background=not remove_background,
+    )  # fmt: skip
 
 
 @_told()
@@ -126,10 +127,12 @@ def scan_frames(frames: Frames, calibration: Calibration, grid: Grid, *, remove_
         planes = triangulate(placed, sight_of(placed, calibration))
         add_doubt(planes[3], doubt_mm(calibration), 1.0)
     drop_mixed(planes)
-    stripe = _stripe_px(placed.column, placed.row)
+    some = _stripe_samples(placed.column, placed.row)
     texture = up(_texture(frames))
-    background = not remove_background
-    return _gridded(planes, texture, placed.level, stripe, calibration, grid, frames.time, background=background)
+    return _gridded(
+        planes, texture, placed.level, some, shared_mm2(placed.shared, calibration), calibration, grid, frames.time,
+        background=not remove_background,
+    )  # fmt: skip
 
 
 def _placed(frames: Frames) -> Placed:
@@ -143,7 +146,8 @@ def _gridded(
     planes: OnCard,
     texture: OnCard,
     level: OnCard,
-    stripe: float,
+    some: Sequence[Samples],
+    shared: Shared,
     calibration: Calibration,
     grid: Grid,
     time: Instant,
@@ -151,9 +155,8 @@ def _gridded(
     background: bool,
 ) -> Scan:
     laid = lay(planes, calibration, grid, background=background)
-    shared = max(1.0, SHARED * stripe)
-    usual = _usual(calibration, grid)
-    filled = fill_cells(laid, texture, level, grid, usual, shared)
+    usual, stripe = _usual(calibration, grid), stripe_px(some)
+    filled = fill_cells(laid, texture, level, grid, usual, sharing(stripe, some, shared, calibration, usual))
     height, sigma, light, coarsest = (each.copy_to_host() for each in filled)
     tell_smooth(height, sigma, reach_of(stripe, usual))
     doubt_of_cells(sigma, grid, calibration)
@@ -169,19 +172,21 @@ def _back(placed: Placed, frames: Frames) -> Decoded:
     arrays = (placed.column, placed.row, placed.sigma_column, placed.sigma_row, placed.level)
     column, row, sigma_column, sigma_row, level = (each.copy_to_host() for each in arrays)
     texture = _texture(frames)
-    return Decoded(column, row, sigma_column, sigma_row, level, texture, texture)  # nobody asks for the contrast
+    # nobody asks for the contrast
+    return Decoded(column, row, sigma_column, sigma_row, level, texture, texture, placed.shared)
 
 
-def _stripe_px(*places: OnCard) -> float:
-    """As `surface._stripe_px`, of samples that are picked on the card."""
+def _stripe_samples(*places: OnCard) -> list[Samples]:
+    """As `surface.stripe_samples`, picked on the card."""
     steps = stripe_raster(places[0].shape)
     count = [-(-(side - 1) // step) for side, step in zip(places[0].shape, steps, strict=True)]
-    width = 1.0
+    found = []
     for each in places:
         some = empty((3, *count), np.float32)
         launch(_beside, count[0] * count[1], each, *steps, some)
-        width = max(width, stripe_px(*some.copy_to_host()))
-    return width
+        here, aside, below = some.copy_to_host()
+        found.append((here, aside, below))
+    return found
 
 
 @kernel

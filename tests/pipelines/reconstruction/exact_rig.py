@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -89,6 +91,24 @@ def see(rig: Calibration, height: Callable[[Floats, Floats], Floats], sigma_px: 
         full,
     )
     return decoded, points
+
+
+def turned(decoded: Decoded, how: tuple[slice, slice]) -> Decoded:
+    """The same capture by a camera whose images are turned or mirrored."""
+
+    def other(image: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        return np.ascontiguousarray(image[how])
+
+    return replace(
+        decoded,
+        column=other(decoded.column),
+        row=other(decoded.row),
+        sigma_column=other(decoded.sigma_column),
+        sigma_row=other(decoded.sigma_row),
+        level=other(decoded.level),
+        texture=other(decoded.texture),
+        contrast=other(decoded.contrast),
+    )
 
 
 def flat_site(x: Floats, y: Floats) -> Floats:

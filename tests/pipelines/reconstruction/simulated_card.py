@@ -53,10 +53,10 @@ def settled() -> Iterator[tuple[str, Difference]]:
     for down in (False, True):
         fine, spread = (np.ascontiguousarray(each.T if down else each) for each in (along, variance))
         on_card = card.up(fine), card.up(spread)
-        shared = np.float32(_shared_by_lines(fine, spread, down, CELL))
-        assert shared > 0
-        settle(fine, spread, *((CELL, 0) if down else (0, CELL)), shared, 0, len(fine))
-        place._settled(*on_card, down, CELL)
+        unseen, shared = _shared_by_lines(fine, spread, down, CELL)
+        assert 0 < unseen <= shared.within
+        settle(fine, spread, *((CELL, 0) if down else (0, CELL)), np.float32(unseen), 0, len(fine))
+        assert place._settled(*on_card, down, CELL) == shared
         yield "down" if down else "along", _difference("sigma", spread, on_card[1].copy_to_host())
 
 

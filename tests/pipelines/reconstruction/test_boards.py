@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -13,7 +13,7 @@ from pipelines.reconstruction.calibration import Mirrored
 from pipelines.reconstruction.pinhole import Floats, project, rotation
 from pipelines.reconstruction.sight import sight
 
-from .exact_rig import make_rig
+from .exact_rig import make_rig, turned
 
 SIZE = (640, 400)
 PAPER = Board.of_squares((6, 7), 0.7)
@@ -102,6 +102,5 @@ def mirrored(decoded: Decoded, camera: bool, projector: bool) -> Decoded:
     if projector:
         decoded = replace(decoded, column=607 - decoded.column)
     if camera:
-        turned = (np.ascontiguousarray(getattr(decoded, field.name)[:, ::-1]) for field in fields(Decoded))
-        decoded = Decoded(*turned)
+        decoded = turned(decoded, np.s_[:, ::-1])
     return decoded

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import cache
 
 import cv2
@@ -13,7 +13,7 @@ from pipelines.reconstruction import Calibration, CharucoBoard, Decoded, calibra
 from pipelines.reconstruction.corner_search import find_board
 from pipelines.reconstruction.pinhole import project, rotation, undistort
 
-from .exact_rig import make_rig
+from .exact_rig import make_rig, turned
 
 SIZE = (960, 600)
 BOARD = CharucoBoard((9, 6), 1.0, 0.7, "DICT_4X4_50")
@@ -79,10 +79,7 @@ def test_a_board_that_is_seen_in_part_calibrates_the_rig() -> None:
 
 
 def test_markers_tell_which_device_is_mirrored() -> None:
-    camera = [
-        Decoded(*(np.ascontiguousarray(getattr(each, field.name)[:, ::-1]) for field in fields(Decoded)))
-        for each in (seen(n) for n in range(3))
-    ]
+    camera = [turned(seen(n), np.s_[:, ::-1]) for n in range(3)]
     found = calibrate_decoded(camera, (608, 684), BOARD)
     assert (found.camera.mirrored, found.projector.mirrored) == (True, False)
     projector = [replace(seen(n), column=607 - seen(n).column) for n in range(3)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +34,8 @@ from pipelines.reconstruction.height_doubt import bow_mm
 from pipelines.reconstruction.pinhole import undistort
 from pipelines.reconstruction.projector_corners import CornerMethod, inside, lattice_of, outline
 from storage import read_capture, read_patterns
+
+from .exact_rig import turned
 
 Floats = npt.NDArray[np.float64]
 
@@ -229,8 +231,8 @@ def test_the_whole_way_is_right_and_says_how_sure_it_is(
     good = np.abs(error) < 0.02
     ca, cb = a[good].mean(axis=0), b[good].mean(axis=0)
     U, _, V = np.linalg.svd((b[good] - cb).T @ (a[good] - ca))
-    turned = (points - cb) @ (U @ np.diag([1, 1, np.linalg.det(U @ V)]) @ V) + ca
-    true = replace(found, xyz=np.where(found.valid[..., None], turned, np.nan).astype(np.float32))
+    moved = (points - cb) @ (U @ np.diag([1, 1, np.linalg.det(U @ V)]) @ V) + ca
+    true = replace(found, xyz=np.where(found.valid[..., None], moved, np.nan).astype(np.float32))
     for pitch in (None, 0.03, 0.05, 0.1):  # one point in a cell, two, six and 25
         grid = footprint_grid(rendered_rig, pitch)
         scan, known = (to_scan(each, rendered_rig, grid, frames.time) for each in (found, true))
@@ -265,7 +267,7 @@ def seen_otherwise(decoded: Decoded, how: str) -> Decoded:
         return replace(decoded, column=607 - decoded.column)
     if how == "both turned":
         decoded = replace(decoded, column=607 - decoded.column, row=683 - decoded.row)
-    return Decoded(*(np.ascontiguousarray(getattr(decoded, field.name)[BACK[how]]) for field in fields(Decoded)))
+    return turned(decoded, BACK[how])
 
 
 BACK = {"camera mirrored": np.s_[:, ::-1], "both turned": np.s_[::-1, ::-1], "projector mirrored": np.s_[:, :]}
