@@ -17,7 +17,7 @@ Result = TypeVar("Result")
 @lru_cache(maxsize=1)
 def _helpers(cores: int) -> ThreadPoolExecutor:
     """Threads that help whoever asks; kept, for many a stretch takes less time than the start of a thread."""
-    return ThreadPoolExecutor(cores, thread_name_prefix="slab")
+    return ThreadPoolExecutor(cores - 1, thread_name_prefix="slab")
 
 
 def in_slabs(rows: int, work: Callable[[int, int], Result], *, step: int = 0, least: int = 64) -> list[Result]:
