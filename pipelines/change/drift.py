@@ -28,6 +28,7 @@ __all__ = [
     "refined",
     "residual_spread",
     "residuals_at",
+    "step_for",
 ]
 
 Floats = npt.NDArray[np.float32]
@@ -39,6 +40,9 @@ NEAR = 0.1
 once, but no further than this."""
 STEADY = 0.2
 """And do so if they differ by no more than this share from what the factor says."""
+STEP_CELLS, LARGEST_STEP = 300_000, 3
+"""A map of so many cells is matched at every one of them, a larger one at every second or third each way: the fine
+Gaussian makes some 13 neighbouring cells share their errors, so that the cells between tell next to nothing."""
 SIMILAR = 1.5
 """Shares of cells explained within this factor do not tell two shifts apart."""
 SAMPLED = 20_000
@@ -219,7 +223,7 @@ def lateral_drift(scan: Scan, baseline: Scan, use: npt.NDArray[np.bool_], reach_
     alike = side_by_side(*sought)
     starts = {(0, 0), *(one.peak for one in alike)}
     count_used = int(use.sum())
-    step = 1 if count_used < 300_000 else 2
+    step = step_for(count_used)
     every = max(1, count_used // step**2 // SAMPLED)
     patterns = [pattern_of(ref, mov, use, step) for ref, mov in channels]
     fits = [refined(patterns, every, start) for start in sorted(starts)]
@@ -238,6 +242,11 @@ def lateral_drift(scan: Scan, baseline: Scan, use: npt.NDArray[np.bool_], reach_
     pitch = grid.pitch_mm
     turn = turn_left(patterns, [residual_spread(residuals) for residuals in best.residuals], best.u, best.v)
     return Drift(best.u * pitch, best.v * pitch, best.sigma * pitch, best.conditioning, bool(ambiguous), turn)
+
+
+def step_for(cells: int) -> int:
+    """Every so-manieth row and column of a map of so many cells is enough to match it."""
+    return min(LARGEST_STEP, max(1, int(np.ceil(np.sqrt(cells / STEP_CELLS)))))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,6 +20,7 @@ from .drift import (
     refined,
     residual_spread,
     residuals_at,
+    step_for,
 )
 from .motion import Motion
 from .ranks import robust_sigma
@@ -103,7 +104,7 @@ def _strips(scan: Scan, baseline: Scan, use: Mask, start: tuple[float, float]) -
     size = rows // count if rows < 2 * count * STRIP_ROWS else STRIP_ROWS
     tops = [int((k + 0.5) * rows / count - size / 2) for k in range(count)]
     bands = side_by_side(*(partial(band_passed, scan, top, top + size) for top in tops))
-    step = 1 if rows * columns < 300_000 else 2
+    step = step_for(rows * columns)
     aside, along = round(start[0]), round(start[1])
     held = [_moved(use, top, size, aside, along) for top in tops]
     found = []

@@ -40,6 +40,8 @@ TURNED_SIGMAS = 5.0
 """A turn counts if it is so many of its standard uncertainties."""
 TURNED_CELLS = 1.0
 """One that moves the corners of the map by more cells is taken out before the shift is sought once more."""
+STILL_CELLS = 0.01
+"""A tilt that moves what is high sideways by no more is taken out in one round."""
 REACH = 0.1
 """No drift is sought beyond this share of the shorter side."""
 PUT_BACK_DEG = 0.5
@@ -207,6 +209,8 @@ def _levelled(
             nothing = np.zeros_like(ground)
             return Motion.failed(overlap, "the stable cells are too few or lie on one line"), nothing
         matrix = levelling(plane, median(baseline.height)) @ matrix
+        if _leans(plane, baseline) <= STILL_CELLS * scan.grid.pitch_mm:
+            break  # what this plane takes out, no second one finds
     assert plane is not None
     # an imported map may say no sigma: then its residual cannot be judged
     expected = median(sigma, held)
@@ -229,6 +233,12 @@ def _levelled(
         covariance=None if share < LEAST_CONSENSUS else _covariance(plane, drift),
     )
     return motion, held
+
+
+def _leans(plane: Plane, baseline: Scan) -> float:
+    """How far taking a plane out moves the highest sideways against the lowest, mm."""
+    relief = float(np.nanmax(baseline.height) - np.nanmin(baseline.height))
+    return float(np.abs(plane.level[1:]).max()) * relief
 
 
 def _thinned(scan: Scan) -> Scan:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from .pinhole import project
 from .pixel_maps import Shared
 from .rig_model import Calibration
-from .sight import on_plane
+from .sight import in_front, on_plane
 
 __all__ = ["Pick", "carrier", "left_by_mean", "shared_by_lines", "shared_mm2"]
 
@@ -36,6 +36,8 @@ def shared_mm2(shared: tuple[Shared, Shared], calibration: Calibration) -> Share
     """
     px_per_mm = _parallax(calibration)
     axis = int(np.argmax(px_per_mm))
+    if not px_per_mm[axis] > 0:
+        return Shared()
     per_px2 = 1 / float(px_per_mm[axis]) ** 2
     return Shared(shared[axis].within * per_px2, shared[axis].beside * per_px2)
 
@@ -46,10 +48,13 @@ def carrier(calibration: Calibration) -> int:
 
 
 def _parallax(calibration: Calibration) -> npt.NDArray[np.float64]:
-    """Projector px, along columns and rows, per mm of distance from the camera."""
+    """Projector px, along columns and rows, per mm of distance from the camera; 0 where the projector sees nothing."""
     middle = np.array(calibration.camera.size) / 2
     points = np.stack([on_plane(calibration.camera, calibration.reference, middle, h) for h in (0.0, STEP_MM)])
-    places = project(calibration.projector, points @ calibration.R.T + calibration.t_mm)
+    lit = points @ calibration.R.T + calibration.t_mm
+    if not in_front(calibration.projector, lit).all():
+        return np.zeros(2)
+    places = project(calibration.projector, lit)
     moved: npt.NDArray[np.float64] = np.abs((places[1] - places[0]) / (points[1, 2] - points[0, 2]))
     return moved
 
