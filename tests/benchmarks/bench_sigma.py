@@ -7,6 +7,7 @@ places that the pixels see, so that what a cell hides counts in neither.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -27,7 +28,7 @@ CELLS = 1, 2, 4, 8
 """Widths of cells, camera pixels."""
 BINS = 8
 ROWS = 240, 432, 480, 720
-SUBJECTS = (
+SUBJECTS: tuple[tuple[str, float, Mapping[str, float], int], ...] = (
     ("plane", 0.0, {"z_mm": -0.3, "slope_x": 0.13, "slope_y": -0.02}, 5),
     ("plane", 0.0, {"z_mm": 0.8, "slope_x": 0.02, "slope_y": -0.1}, 77),
     ("soil", 48.0, {"seed": 23}, 41),
@@ -60,7 +61,7 @@ def compared(scan: Scan, true: Scan, inner: bool) -> str:
     return ratio(off[use], scan.sigma[use].astype(np.float64))
 
 
-def measure(rows: int, scene: str, age_h: float, options: dict[str, float], seed: int) -> None:
+def measure(rows: int, scene: str, age_h: float, options: Mapping[str, float], seed: int) -> None:
     """Print a line for one camera and scene."""
     size, started = (rows * 4 // 3, rows), f"{NOON - np.timedelta64(int(age_h), 'h')}Z"
     rig = SimulatedRig(camera=size, scene=scene, scene_options=options, drift_mm=0.0, seed=seed, started=started)
