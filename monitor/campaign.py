@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
 from threading import Event as Flag
@@ -41,7 +41,7 @@ from .rigs import Rig
 from .scheduler import grace_of
 from .settled import Outcome, Settled
 from .slot_rules import slot_rules_of
-from .steady_process import steady_process
+from .steady_process import SteadyProcess
 from .tiles import TileWalk
 from .visit import Recipe, Work, visit
 from .warm_up import warm_up
@@ -137,8 +137,7 @@ def run_campaign(
             clock.go_on_from(store[-1].scan.time + np.timedelta64(1, "ms"))
         if now or campaign.schedule.video is not None:
             clock = clock.steady()
-        if campaign.schedule.video is not None:
-            stack.enter_context(steady_process())
+        steady = stack.enter_context(closing(SteadyProcess())) if campaign.schedule.video is not None else None
         rig = rig_of(campaign, store) if rig is None else rig
         walk = _walk_of(campaign, rig, patterns, clock)
         calibration = read_calibration(campaign, patterns, clock.now(), tell)
@@ -171,6 +170,8 @@ def run_campaign(
 
         def told(settled: Settled) -> None:
             along.settled(settled)
+            if steady is not None:
+                steady.after_scan()
             if on_settled is not None:
                 on_settled(settled)
 

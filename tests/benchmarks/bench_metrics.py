@@ -5,11 +5,12 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable
+from contextlib import closing
 from functools import partial
 
 import numpy as np
 
-from monitor.steady_process import steady_process
+from monitor.steady_process import SteadyProcess
 from pipelines import LEVEL_NONE, Grid, Motion, Scan, parse_instant
 from pipelines.change import METRICS, Substrate, bare_substrate, compare, find_objects, measure, register
 from pipelines.scenes import Soil
@@ -92,7 +93,7 @@ def main() -> None:
             second, third = (scan_at(rows, columns, 24.0 + seconds / 3600) for seconds in (1, 2))
             near = register(second, before)
             assert near.verdict == "good", near.reason
-            with steady_process():  # as `microrelief video` runs
+            with closing(SteadyProcess()):  # as `microrelief video` runs
                 show("video recipe", partial(_video, third, before, bare, near), VIDEO_S)
                 show("the same, searched in full", partial(_video, third, before, bare, None))
         if "--parts" in sys.argv:
