@@ -154,7 +154,8 @@ def volumes(
         the uncertainty of gained and lost, not taken off.
     """
     grid = change.grid
-    use = region & np.isfinite(change.dz)
+    measured = np.isfinite(change.dz)
+    use = region & measured
     total = int(region.sum())
     nan = Measurement(float("nan"), float("nan"))
     if not use.any():
@@ -172,19 +173,19 @@ def volumes(
 
     block = block_side(longest_lag(grid.shape)) if noise is None else 1  # a noise model's lags are cells
     covariance = error_covariance(dz, stable, block)
-    random, systematic = _net_sigma(change, use, stable & np.isfinite(dz), covariance, noise)
+    random, systematic = _net_sigma(change, use, stable & measured, covariance, noise)
     if covariance is None:
         still = median(change.lod, use) / Z_95 / 2
     else:
-        everywhere = smooth if number == np.count_nonzero(np.isfinite(dz)) else local_mean(dz, LOCAL_CELLS)
+        everywhere = smooth if number == np.count_nonzero(measured) else local_mean(dz, LOCAL_CELLS)
         still = MAD_TO_SIGMA * median(everywhere, stable, about=0.0)
     sigma = float(np.hypot(random, wall_sigma(dz, use, grid.pitch_mm)))
     quiet = sum(in_slabs(grid.rows, lambda *rows: int(_within(dz, smooth, use, 2 * still, *rows)), least=256))
     # E max(e, 0) = 0.4 sigma for a normal error: what noise adds to both sums where nothing changed
     rectified = 0.4 * still * quiet * cell
     part = float(np.hypot(sigma, rectified))
-    measured = Measurement(gained, part), Measurement(lost, part), Measurement(net, sigma)
-    return Volumes(*measured, number / total, systematic)
+    parts = Measurement(gained, part), Measurement(lost, part), Measurement(net, sigma)
+    return Volumes(*parts, number / total, systematic)
 
 
 def _net_sigma(

@@ -175,9 +175,9 @@ def differences(
     if known.sum() < FEW:
         return None
     a, b = (_spread(values[known], float(np.median(values[known])) if even else 0.0) for values in (along, across))
-    step = float(np.median(np.abs(here[:, 2 * distance :] - here[:, : -2 * distance])[known])) / 2
-    growth = np.abs(here[:, 2 * distance :] - here[:, : -2 * distance])[known] / (2 * distance)
-    turn = 2 * np.pi * distance * _off_whole(growth)
+    apart = np.abs(here[:, 2 * distance :] - here[:, : -2 * distance])[known]
+    step = float(np.median(apart)) / 2
+    turn = 2 * np.pi * distance * _off_whole(apart / (2 * distance))
     return Differences(
         a * a,
         b * b,
