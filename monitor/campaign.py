@@ -163,7 +163,7 @@ def run_campaign(
             stack.callback(rig.close)
         pace = pace_of(campaign, store)
         notifier = notifier_of(campaign, store, clock.now)
-        keeper = HealthKeeper(rig, HealthLog(health_file(campaign)), campaign.exposure)
+        keeper = HealthKeeper(rig, HealthLog(health_file(campaign)), campaign.exposure, plan is not None)
         reporter = reporter_of(campaign, store)
         along = Companions([each for each in (pace, notifier, keeper, reporter, *companions) if each is not None])
         stack.callback(along.close)

@@ -17,7 +17,7 @@ from pipelines.trends import Trend, trend
 
 from .rigs import Rig
 from .settled import Settled
-from .vital_signs import VitalSigns, next_exposure, vital_signs
+from .vital_signs import VitalSigns, next_exposure, over_captures, vital_signs
 
 __all__ = ["Health", "HealthKeeper", "HealthLog", "Promptness", "health_file", "lamp_trends", "promptness"]
 
@@ -141,12 +141,15 @@ class HealthKeeper:
     log : HealthLog
     auto : AutoExposure or None
         Bounds of the exposure, on a rig that has `set_exposure(ms)`.
+    tiles : bool
+        A visit is many captures, of an area's tiles, and not one and its tries.
     """
 
     rig: Rig
     log: HealthLog
     auto: AutoExposure | None = None
-    _seen: dict[Instant, tuple[VitalSigns, float]] = field(default_factory=dict)
+    tiles: bool = False
+    _seen: dict[Instant, tuple[list[VitalSigns], float]] = field(default_factory=dict)
     _told: SimpleQueue[str] = field(default_factory=SimpleQueue)
 
     def open(self) -> None:
@@ -157,7 +160,8 @@ class HealthKeeper:
         """Capture, look at what came, and set the exposure of the next."""
         frames = self.rig.capture(patterns, at)
         signs = vital_signs(frames)
-        self._seen[at] = signs, float(getattr(self.rig, "temperature_c", NAN))
+        before = self._seen[at][0] if self.tiles and at in self._seen else []
+        self._seen[at] = [*before, signs], float(getattr(self.rig, "temperature_c", NAN))
         self._expose(signs)
         return frames
 
@@ -174,8 +178,9 @@ class HealthKeeper:
         return [self._told.get() for _ in range(self._told.qsize())]
 
     def _keep(self, settled: Settled) -> None:
-        nothing = VitalSigns(NAN, NAN, NAN, NAN, NAN), NAN
-        signs, temperature_c = self._seen.pop(settled.began, nothing) if settled.began is not None else nothing
+        nothing = [VitalSigns(NAN, NAN, NAN, NAN, NAN)], NAN
+        seen, temperature_c = self._seen.pop(settled.began, nothing) if settled.began is not None else nothing
+        signs = over_captures(seen)
         motion = settled.tick.change.motion if settled.tick is not None and settled.tick.change is not None else None
         self.log.add(
             Health(

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from statistics import median
 
 import numpy as np
 
 from configs import AutoExposure
 from pipelines import Frames
 
-__all__ = ["VitalSigns", "next_exposure", "vital_signs"]
+__all__ = ["VitalSigns", "next_exposure", "over_captures", "vital_signs"]
 
 COARSE = 4
 """Every so manieth row and column is looked at: a percentile of 200,000 pixels is as good as one of three million."""
@@ -71,6 +73,20 @@ def vital_signs(frames: Frames) -> VitalSigns:
         dark=float(np.median(black)) / max(level, 1.0),
         saturated=float((white >= full).mean()),
         exposure_ms=frames.exposure_ms,
+    )
+
+
+def over_captures(signs: Sequence[VitalSigns]) -> VitalSigns:
+    """Say of the captures of one visit what one would say: the brightest and most saturated, the median of the rest."""
+    known = [each for each in signs if np.isfinite(each.bright)]
+    if len(known) < 2:
+        return (known or signs)[0]
+    return VitalSigns(
+        bright=max(each.bright for each in known),
+        light=median(each.light for each in known),
+        dark=median(each.dark for each in known),
+        saturated=max(each.saturated for each in known),
+        exposure_ms=median(each.exposure_ms for each in known),
     )
 
 

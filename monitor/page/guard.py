@@ -12,7 +12,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from configs import InputError
 
-__all__ = ["LOCAL", "TOKEN", "Guard", "check_opening"]
+__all__ = ["LOCAL", "TOKEN", "Guard", "check_opening", "is_from_here"]
 
 LOCAL = ("127.0.0.1", "localhost", "::1")
 TOKEN = "MICRORELIEF_TOKEN"  # noqa: S105 - the name of the variable, not a token
@@ -41,6 +41,12 @@ def check_opening(host: str) -> str:
             "and put a proxy with TLS before it (docs/running.md)"
         )
     return token
+
+
+def is_from_here(request: Request) -> bool:
+    """Tell whether somebody on this machine asks, and no proxy for somebody elsewhere."""
+    forwarded = any(name in request.headers for name in ("forwarded", "x-forwarded-for", "x-forwarded-host", "via"))
+    return not forwarded and request.client is not None and request.client.host in LOCAL
 
 
 class Guard:

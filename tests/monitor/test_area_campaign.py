@@ -21,6 +21,7 @@ from monitor.check import load_scheduled
 from monitor.cli import run_tokens
 from monitor.clock import AcceleratedClock
 from monitor.health import check_campaign
+from monitor.health_log import HealthLog, health_file
 from monitor.joined_tiles import join
 from monitor.rigs import SimulatedRig, SimulatedStage
 from monitor.settled import Outcome, Settled
@@ -69,8 +70,11 @@ class Crust(SimulatedRig):
 
     def capture(self, patterns: PatternSet, at: Instant) -> Frames:
         x, y = self.stage.where()
-        self.script(round(float((at - T0) / HOUR)), (round(x, 3), round(y, 3)))
-        return Frames(np.zeros((len(patterns.roles), 12, 16), np.uint8), at, patterns)
+        place = (round(x, 3), round(y, 3))
+        self.script(round(float((at - T0) / HOUR)), place)
+        stack = np.zeros((len(patterns.roles), 12, 16), np.uint8)
+        stack[0] = 180 if place == SECOND else 100
+        return Frames(stack, at, patterns)
 
     def seen(self, frames: Frames, calibration: Calibration, rules: Any) -> Scan:
         grid: Grid = rules.grid
@@ -137,6 +141,13 @@ def test_three_slots_are_three_scans_on_one_grid_that_show_what_changed(go: Go, 
         assert np.isfinite(error).mean() > 0.99
         assert np.nanmean(np.abs(error) > change.lod[2:-2, 2:-2]) < 0.05
         assert abs(np.nanmedian(error)) < 0.001
+
+
+def test_health_is_that_of_all_tiles(go: Go, tmp_path: Path) -> None:
+    go(1)
+    (health,) = HealthLog(health_file(area_in(tmp_path))).newest(1)
+    assert health.bright == pytest.approx(180 / 255), "the brightest"
+    assert health.light == pytest.approx(100 / 255), "the middle"
 
 
 def test_a_tile_that_fails_leaves_a_hole_and_is_told(go: Go, tmp_path: Path) -> None:

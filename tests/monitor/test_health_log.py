@@ -22,7 +22,7 @@ from monitor.clock import AcceleratedClock
 from monitor.health_log import Health, HealthLog, Promptness, health_file, lamp_trends, promptness
 from monitor.page import Sites, SiteSource
 from monitor.page.prometheus import exposition
-from monitor.vital_signs import VitalSigns, next_exposure, vital_signs
+from monitor.vital_signs import VitalSigns, next_exposure, over_captures, vital_signs
 from pipelines import Frames, PatternSet, instant
 
 from .campaigns import BASE, HOLDER
@@ -47,6 +47,19 @@ def test_vital_signs_are_what_the_frames_hold() -> None:
     assert signs.bright == 1.0
     assert signs.lamp == pytest.approx(102 / 255 / 5)
     assert vital_signs(frames(3000, 100, np.uint16)).bright == pytest.approx(3000 / 4095), "12 bits in words of 16"
+
+
+def test_of_an_areas_tiles_the_brightest_and_the_middle_are_told() -> None:
+    unknown = VitalSigns(math.nan, math.nan, math.nan, math.nan, 5.0)
+    captures = [frames(153, 51, saturated=0.1), frames(100, 50), frames(120, 30)]
+    signs = over_captures([*map(vital_signs, captures), unknown])
+    assert signs.bright == 1.0
+    assert signs.saturated == pytest.approx(0.1)
+    assert signs.light == pytest.approx(90 / 255)
+    assert signs.dark == pytest.approx(1 / 3)
+    assert signs.exposure_ms == 5.0
+    assert over_captures([unknown, unknown]) is unknown
+    assert over_captures([signs]) is signs
 
 
 @given(st.floats(0.02, 3.0), st.floats(1.0, 20.0))

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import base64
 import json
+import re
 import socket
 import urllib.request
 from dataclasses import replace
 from pathlib import Path
+from urllib.parse import urljoin, urlsplit
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from prometheus_client.parser import text_string_to_metric_families
 from starlette.testclient import TestClient
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from configs import InputError
 from monitor.campaign import run_campaign
@@ -31,6 +34,7 @@ from .stored import START, at, fill
 
 NOW = START + np.timedelta64(30, "D")
 LOCAL = "http://127.0.0.1:8123"
+HERE = ("127.0.0.1", 50000)
 
 
 @pytest.fixture(scope="module")
@@ -63,14 +67,14 @@ def sites(stores: list[Path]) -> Sites:
 
 @pytest.fixture(scope="module")
 def client(stores: list[Path]) -> TestClient:
-    return TestClient(make_app(sites(stores), NoReviews()), base_url=LOCAL)
+    return TestClient(make_app(sites(stores), NoReviews()), base_url=LOCAL, client=HERE)
 
 
 def test_the_fleet_is_on_one_page(client: TestClient) -> None:
     answer = client.get("/")
     assert answer.status_code == 200
     for key in ("north", "south", "none"):
-        assert f'href="/site/{key}"' in answer.text
+        assert f'href="site/{key}"' in answer.text
     assert "no store yet: the first scan makes it" in answer.text
     assert answer.text.count('class="verdict') == 3
 
@@ -82,7 +86,7 @@ def test_a_site_says_state_scans_trends_and_events(client: TestClient) -> None:
     assert "Volume gained" in text
     assert "block: ok -&gt; warning" in text
     assert "<h2>block: warning</h2>" in text
-    assert "/site/north/picture.png?scan=4" in text
+    assert 'src="north/picture.png?scan=4"' in text
 
 
 def test_what_a_device_said_is_text_and_no_markup(client: TestClient) -> None:
@@ -94,6 +98,49 @@ def test_what_a_device_said_is_text_and_no_markup(client: TestClient) -> None:
 def test_one_site_alone_is_the_first_page(stores: list[Path]) -> None:
     alone = TestClient(make_app(Sites([SiteSource(stores[0])], lambda: NOW), NoReviews()), base_url=LOCAL)
     assert alone.get("/").url.path == "/site/north"
+
+
+class Stripped:
+    """What a proxy does that serves an application under a path."""
+
+    def __init__(self, app: ASGIApp, prefix: str) -> None:
+        self._app, self._prefix = app, prefix
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "http":
+            assert scope["path"].startswith(f"{self._prefix}/"), scope["path"]
+            path = scope["path"].removeprefix(self._prefix)
+            scope = {**scope, "path": path, "raw_path": path.encode()}
+        await self._app(scope, receive, send)
+
+
+@pytest.mark.parametrize("many", [True, False])
+def test_every_link_holds_under_a_proxys_path(stores: list[Path], many: bool) -> None:
+    shown = sites(stores) if many else Sites([SiteSource(stores[0])], lambda: NOW)
+    app = make_app(shown, NoReviews())
+    client = TestClient(Stripped(app, "/rigs"), base_url=LOCAL, client=HERE)
+    todo, seen = [f"{LOCAL}/rigs/", f"{LOCAL}/rigs/site/nowhere", f"{LOCAL}/rigs/a/b/c/d"], set[str]()
+    while todo:
+        asked = todo.pop()
+        answer = client.get(asked)
+        assert answer.status_code == (404 if asked.endswith(("nowhere", "/d")) else 200), asked
+        seen.add(asked)
+        if "html" in answer.headers["content-type"]:
+            links = re.findall(r'(?:href|src|action)="([^"]*)"', answer.text)
+            found = {urljoin(str(answer.url), link) for link in links if not link.startswith("data:")}
+            todo += sorted(found - seen - set(todo))
+    names = {urlsplit(one).path.removeprefix("/rigs") for one in seen}
+    assert {"/", "/style.css", "/site/north", "/site/north/picture.png", "/site/north/review"} <= names
+
+
+def test_who_is_elsewhere_is_not_led_to_a_review_that_opens_here(stores: list[Path]) -> None:
+    app = make_app(sites(stores), NoReviews())
+    far = TestClient(app, base_url=LOCAL, client=("192.0.2.7", 50000))
+    near = TestClient(app, base_url=LOCAL, client=HERE)
+    for answer in (far.get("/site/north"), near.get("/site/north", headers={"x-forwarded-for": "192.0.2.7"})):
+        assert "<form" not in answer.text
+        assert "opens on the rig itself" in answer.text
+    assert "<form" in near.get("/site/north").text
 
 
 def test_the_picture_is_a_picture(client: TestClient) -> None:
@@ -157,7 +204,7 @@ def test_a_review_is_begun_by_a_form_of_this_page_only(stores: list[Path]) -> No
     assert client.get("/site/north/review").status_code == 200
     assert reviews.asked == [], "looking starts nothing"
     assert client.post("/site/north/review", headers={"origin": "https://elsewhere.example"}).status_code == 403
-    assert client.post("/site/north/review", headers={"origin": LOCAL}).headers["location"] == "/site/north/review"
+    assert client.post("/site/north/review", headers={"origin": LOCAL}).headers["location"] == "review"
     assert client.post("/site/none/review").status_code == 409
     assert reviews.asked == ["north"]
 

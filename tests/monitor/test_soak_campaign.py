@@ -13,14 +13,16 @@ import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+from threading import Event, Timer
 
 import numpy as np
 import pytest
 
 from configs import DeviceUnavailable
 from monitor.campaign import run_campaign
-from monitor.clock import AcceleratedClock
+from monitor.clock import RealClock, seconds_between
 from monitor.settled import Settled
 from monitor.standing import look
 from pipelines import Frames, Instant, instant
@@ -36,63 +38,67 @@ BALLAST = "ballast"
 
 
 class Unreliable(Rig):
-    """A rig that is unplugged at some slots, and at some waits for somebody to kill the process."""
+    """A rig that is unplugged at some slots, and soon after one of them somebody kills the process."""
 
-    def __init__(self, unplugged: set[int], deadly: int | None) -> None:
+    def __init__(self, unplugged: set[int], deadly: int | None, dies_after_s: float) -> None:
         super().__init__()
-        self.unplugged, self.deadly = unplugged, deadly
+        self.unplugged, self.deadly, self.dies_after_s = unplugged, deadly, dies_after_s
 
     def capture(self, patterns: object, at: Instant) -> Frames:
         slot = round(float((at - T0) / SLOT))
         if slot == self.deadly:
-            os.kill(os.getpid(), signal.SIGKILL)
+            Timer(self.dies_after_s, os.kill, (os.getpid(), signal.SIGKILL)).start()
         if slot in self.unplugged:
             raise DeviceUnavailable(DEAD)
         return super().capture(patterns, at)
 
 
-class Jumpy(AcceleratedClock):
-    """An accelerated clock that is set forward by two slots, once, when a slot comes."""
+class Pretended(RealClock):
+    """The real clock's rules on pretended seconds: no wait lasts, and once the system's clock is set."""
 
-    def __init__(self, start: Instant, jumps_at: int | None) -> None:
-        super().__init__(start)
-        self.jumps_at = jumps_at
+    def __init__(self, start: Instant, set_at: int | None, set_by_s: float) -> None:
+        self.seconds, self.offset = 0.0, float(start.astype(np.int64)) * 1e-9
+        self.set_at, self.set_by_s = set_at, set_by_s
+        super().__init__(lambda: self.offset + self.seconds, lambda: self.seconds)
 
-    def wait_until(self, moment: Instant, stop: object) -> None:
-        super().wait_until(moment, stop)  # type: ignore[arg-type]  # the loop's own flag
-        if self.jumps_at is not None and moment >= T0 + self.jumps_at * SLOT:
-            self.jumps_at = None
-            self.advance(2.5 * 6 * 3600)
+    def wait_until(self, moment: Instant, stop: Event) -> None:
+        while not stop.is_set() and (left := seconds_between(self.now(), moment)) > 0:
+            self.seconds += min(left, 900) + 1e-4
+        if self.set_at is not None and moment >= T0 + self.set_at * SLOT:
+            self.set_at = None
+            self.offset += self.set_by_s
 
 
-def live(folder: Path, start: int, end: int, unplugged: set[int], deadly: int | None, jumps_at: int | None) -> None:
+def live(folder: Path, start: int, end: int, given: argparse.Namespace | None = None) -> None:
     """One life of the process: from slot `start` to `end`, unless it is killed before."""
+    given = given or arguments(folder, start, end)
 
     def tell(settled: Settled) -> None:
         slot = round(float((settled.planned - T0) / SLOT))
         print(f"{settled.state} {slot} {settled.number}", flush=True)
 
-    clock = Jumpy(T0 + start * SLOT, jumps_at)
+    clock = Pretended(T0 + (start - given.behind) * SLOT, given.set_at, given.set_by_s)
     until = str(T0 + end * SLOT)[:19] + "+00:00"
-    campaign = campaign_in(folder, every="6 h", until=until)
-    run_campaign(campaign, clock=clock, rig=Unreliable(unplugged, deadly), on_settled=tell, work=work)
+    rig = Unreliable(set(given.unplugged), given.deadly, given.dies_after_s)
+    run_campaign(campaign_in(folder, every="6 h", until=until), clock=clock, rig=rig, on_settled=tell, work=work)
 
 
-def weather(folder: Path, days: int, lives: int, seed: int) -> None:
-    """Live through all of it, and look after each life."""
+def weather(folder: Path, days: int, lives: int, seed: int, start: int = 0) -> None:
+    """Live through all of it from a slot on, and look after each life."""
     chance = random.Random(seed)
     slots = 4 * days
-    ends = sorted(chance.sample(range(3, slots - 3), lives))
+    ends = sorted(chance.sample(range(start + 3, slots - 3), lives))
     acknowledged: dict[int, int] = {}
-    start = 0
     for deadly in (*ends, None):
         stop_at = deadly if deadly is not None else slots
-        unplugged = set(chance.sample(range(slots), slots // 15))
-        jumps_at = chance.randrange(start, stop_at) if stop_at > start + 6 and chance.random() < 0.5 else None
         command = [sys.executable, "-m", "tests.monitor.test_soak_campaign", str(folder), str(start), str(slots)]
-        command += ["--unplugged", *map(str, unplugged)]
-        command += ["--deadly", str(deadly)] if deadly is not None else []
-        command += ["--jumps-at", str(jumps_at)] if jumps_at is not None else []
+        command += ["--unplugged", *map(str, chance.sample(range(slots), slots // 15))]
+        command += ["--behind", str(chance.choice((0, 0, 1, 3)))]  # a computer without a battery for its clock
+        if deadly is not None:
+            command += ["--deadly", str(deadly), "--dies-after-s", f"{chance.uniform(0, 0.15):.3f}"]
+        if stop_at > start + 6 and chance.random() < 0.7:
+            hours = chance.choice((15, 1, -1, -15))
+            command += ["--set-at", str(chance.randrange(start, stop_at)), f"--set-by-s={3600 * hours}"]
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=600)
         assert done.returncode in ((0, -signal.SIGKILL) if deadly is not None else (0,)), done.stderr
         for line in done.stdout.splitlines():
@@ -100,7 +106,7 @@ def weather(folder: Path, days: int, lives: int, seed: int) -> None:
             if state == "taken":
                 assert int(slot) not in acknowledged, "a slot was taken twice"
                 acknowledged[int(slot)] = int(number)
-        start = _look_around(folder, acknowledged, slots)
+        start = _look_around(folder, acknowledged)
         if start > slots:
             break
         start += chance.randrange(0, 3)  # the machine is off for a while
@@ -116,7 +122,7 @@ def _rows(folder: Path) -> dict[int, tuple[str, str]]:
     return {round(float((row.planned - T0) / SLOT)): (row.state, row.cause) for row in rows}
 
 
-def _look_around(folder: Path, acknowledged: dict[int, int], slots: int) -> int:
+def _look_around(folder: Path, acknowledged: dict[int, int]) -> int:
     """Compare store, ledger and status with what was acknowledged; give the slot after the newest."""
     store = open_store(folder / "site.icechunk")
     stored = [round(float((store[number].planned - T0) / SLOT)) for number in range(len(store))]
@@ -153,49 +159,56 @@ def test_seventy_two_days_of_weather(tmp_path: Path, seed: int) -> None:
     reason="needs leave to mount a small disk",
 )
 def test_seventy_two_days_on_a_disk_that_fills_and_is_mended(tmp_path: Path) -> None:
-    """A disk of 40 MB that is full from the start, and has room again in the second life; kills go on."""
+    """A disk that is full from the start, and has room again in the second life; then kills, as above."""
     disk = tmp_path / "disk"
     disk.mkdir()
     script = (
-        f"mount -t tmpfs -o size=40m tmpfs {disk} && head -c 37500000 /dev/zero > {disk}/{BALLAST} && "
-        f"{sys.executable} -m tests.monitor.test_soak_campaign {disk} 0 60 --weather"
+        f"mount -t tmpfs -o size=140m tmpfs {disk} && head -c 137500000 /dev/zero > {disk}/{BALLAST} && "
+        f"{sys.executable} -m tests.monitor.test_soak_campaign {disk} 0 60 --on-a-full-disk"
     )
-    done = subprocess.run(["unshare", "-m", "sh", "-c", script], cwd=ROOT, capture_output=True, text=True, timeout=1200)
+    done = subprocess.run(["unshare", "-m", "sh", "-c", script], cwd=ROOT, capture_output=True, text=True, timeout=3600)
     assert done.returncode == 0, done.stderr[-2000:]
     assert "not taken on the full disk" in done.stdout
 
 
 def on_a_full_disk(folder: Path) -> None:
     """Fill the disk, make room, and go on to the end of the 72 days with kills."""
-    live(folder, 0, 60, set(), None, None)
+    live(folder, 0, 60)
     rows = _rows(folder)
     refused = [slot for slot, (state, _) in rows.items() if state == "failed"]
     assert refused, "the disk never was full"
     assert all("disk" in rows[slot][1] or "not stored" in rows[slot][1] for slot in refused)
     print(f"{len(refused)} slots not taken on the full disk")
-    (folder / BALLAST).unlink()
     before = len(open_store(folder / "site.icechunk"))
-    live(folder, 61, 100, set(), None, None)
-    assert len(open_store(folder / "site.icechunk")) >= before + 39
-    assert sorted(_rows(folder)) == list(range(101))
+    (folder / BALLAST).unlink()
+    weather(folder, days=72, lives=8, seed=9, start=61)
+    assert len(open_store(folder / "site.icechunk")) > before + 150
 
 
-def main() -> None:
-    """One life of the process."""
+def arguments(*words: object) -> argparse.Namespace:
+    """Say what a life brings."""
     parser = argparse.ArgumentParser()
     parser.add_argument("folder", type=Path)
     parser.add_argument("start", type=int)
     parser.add_argument("end", type=int)
     parser.add_argument("--unplugged", type=int, nargs="*", default=[])
     parser.add_argument("--deadly", type=int)
-    parser.add_argument("--jumps-at", type=int)
-    parser.add_argument("--weather", action="store_true", help="the story of the full disk instead")
-    given = parser.parse_args()
-    if given.weather:
+    parser.add_argument("--dies-after-s", type=float, default=0.0)
+    parser.add_argument("--behind", type=int, default=0, help="slots that the system's clock is behind at the start")
+    parser.add_argument("--set-at", type=int, help="the slot at which it is set")
+    parser.add_argument("--set-by-s", type=float, default=0.0)
+    parser.add_argument("--on-a-full-disk", action="store_true", help="the story of the full disk instead")
+    return parser.parse_args([str(word) for word in words])
+
+
+def main(words: Sequence[str]) -> None:
+    """One life of the process."""
+    given = arguments(*words)
+    if given.on_a_full_disk:
         on_a_full_disk(given.folder)
     else:
-        live(given.folder, given.start, given.end, set(given.unplugged), given.deadly, given.jumps_at)
+        live(given.folder, given.start, given.end, given)
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])
