@@ -34,7 +34,7 @@ def _subtracted(  # type: ignore[no-untyped-def]  # numba infers the types from 
 
 def subtracted(now: Scan, then: Scan) -> tuple[Cells, Cells]:
     """Difference of two scans' heights and its standard uncertainty, mm; NaN where either is NaN."""
-    dz, sigma = np.empty((2, *now.height.shape), dtype=np.float32)
+    dz, sigma = np.empty_like(now.height), np.empty_like(now.height)
     given = now.height, then.height, now.sigma, then.sigma, np.float32(1), np.float32(0), dz, sigma
     in_slabs(len(dz), lambda first, last: _subtracted(*given, first, last), least=256)
     return dz, sigma
@@ -71,7 +71,7 @@ def difference(moved: Scan, baseline: Scan, motion: Motion, noise: NoiseModel | 
     if moved.grid != baseline.grid:
         raise ValueError(f"scans lie on different grids: {moved.grid} and {baseline.grid}")
     shared = motion.sigma_z_mm if np.isfinite(motion.sigma_z_mm) else 0.0
-    dz, lod = np.empty((2, *moved.height.shape), dtype=np.float32)
+    dz, lod = np.empty_like(moved.height), np.empty_like(moved.height)
     given = moved.height, baseline.height, moved.sigma, baseline.sigma, np.float32(Z_95), np.float32(shared), dz, lod
     in_slabs(len(dz), lambda first, last: _subtracted(*given, first, last), least=256)
     if noise is not None:

@@ -151,8 +151,8 @@ def apply_motion(scan: Scan, motion: Motion, grid: Grid | None = None) -> Scan:
     grid = scan.grid if grid is None else grid
     if grid == scan.grid and np.array_equal(motion.matrix, np.eye(4)):
         return scan
-    height, sigma = np.empty((2, *grid.shape), dtype=np.float32)
-    texture, level = np.empty((2, *grid.shape), dtype=np.uint8)
+    height, sigma = (np.empty(grid.shape, np.float32) for _ in range(2))
+    texture, level = (np.empty(grid.shape, np.uint8) for _ in range(2))
     inverse, source = np.linalg.inv(motion.matrix), scan.grid
     start = inverse[:2, 0] * grid.x0_mm + inverse[:2, 1] * grid.y0_mm + inverse[:2, 3]
     origin = np.array([source.x0_mm, source.y0_mm])
