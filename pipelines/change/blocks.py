@@ -22,13 +22,28 @@ def block_side(longest_lag: int) -> int:
     return max(1, longest_lag // MOST_LAGS)
 
 
+# Rows of cells are added up to one row first, in the processor's wide registers, and that is folded to blocks.
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _folded(line, side, out):  # type: ignore[no-untyped-def]  # numba infers the types from the arrays
+    for c in range(out.size):
+        total = 0.0
+        for j in range(c * side, min(line.size, (c + 1) * side)):
+            total += line[j]
+        out[c] = total
+
+
 @njit(cache=True, nogil=True)
-def _summed(values, side, out, first, last):  # type: ignore[no-untyped-def]  # numba infers the types from the arrays
+def _summed(values, side, out, first, last):  # type: ignore[no-untyped-def]  # as above
     rows, columns = values.shape
+    line = np.empty(columns)
     for r in range(first, last):
+        line[:] = 0
         for i in range(r * side, min(rows, (r + 1) * side)):
             for j in range(columns):
-                out[r, j // side] += values[i, j]
+                line[j] += values[i, j]
+        _folded(line, side, out[r])
 
 
 def block_sums(values: npt.NDArray[np.bool_] | Floats, side: int) -> Floats:
@@ -53,17 +68,19 @@ def block_sums(values: npt.NDArray[np.bool_] | Floats, side: int) -> Floats:
 @njit(cache=True, nogil=True)
 def _averaged(values, side, least, out, first, last):  # type: ignore[no-untyped-def]  # as above
     rows, columns = values.shape
+    total_by, count_by = np.empty(columns), np.empty(columns)
+    total, count = np.empty(out.shape[1]), np.empty(out.shape[1])
     for r in range(first, last):
-        low, high = r * side, min(rows, (r + 1) * side)
+        total_by[:], count_by[:] = 0, 0
+        for i in range(r * side, min(rows, (r + 1) * side)):
+            for j in range(columns):
+                known = abs(values[i, j]) < np.inf
+                total_by[j] += values[i, j] if known else np.float32(0)
+                count_by[j] += 1.0 if known else 0.0
+        _folded(total_by, side, total)
+        _folded(count_by, side, count)
         for c in range(out.shape[1]):
-            total, count = 0.0, 0
-            for i in range(low, high):
-                for j in range(c * side, min(columns, (c + 1) * side)):
-                    z = values[i, j]
-                    known = abs(z) < np.inf
-                    count += known
-                    total += z if known else 0.0
-            out[r, c] = total / count if count >= least else np.nan
+            out[r, c] = total[c] / count[c] if count[c] >= least else np.nan
 
 
 def block_means(values: npt.NDArray[np.float32], side: int, least: int = 1) -> npt.NDArray[np.float32]:
@@ -89,16 +106,20 @@ def block_means(values: npt.NDArray[np.float32], side: int, least: int = 1) -> n
 @njit(cache=True, nogil=True)
 def _errors(dz, stable, side, middle, bound, sums, counts, first, last):  # type: ignore[no-untyped-def]  # as above
     rows, columns = dz.shape
-    squares = 0.0
+    off_by, count_by, squares = np.empty(columns), np.empty(columns), np.zeros(columns)
     for r in range(first, last):
+        off_by[:], count_by[:] = 0, 0
         for i in range(r * side, min(rows, (r + 1) * side)):
             for j in range(columns):
                 off = np.float64(dz[i, j]) - middle
-                if stable[i, j] and abs(off) <= bound:
-                    sums[r, j // side] += off
-                    counts[r, j // side] += 1
-                    squares += off * off
-    return squares
+                some = stable[i, j] & (abs(off) <= bound)
+                off = off if some else 0.0
+                off_by[j] += off
+                count_by[j] += 1.0 if some else 0.0
+                squares[j] += off * off
+        _folded(off_by, side, sums[r])
+        _folded(count_by, side, counts[r])
+    return squares.sum()
 
 
 def error_sums(

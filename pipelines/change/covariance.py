@@ -13,7 +13,7 @@ from ..slabs import side_by_side
 from .blocks import error_sums
 from .difference import Z_95
 from .gaussian_mixture import gaussian_mixture, plane_shapes
-from .ranks import MAD_TO_SIGMA, median
+from .ranks import MAD_TO_SIGMA, median, some_rows
 
 __all__ = ["ErrorCovariance", "covariance_by_lag", "covariance_of_sums", "error_covariance", "longest_lag"]
 
@@ -74,8 +74,9 @@ def error_covariance(dz: npt.NDArray[np.float32], stable: Mask, block: int = 1) 
     """
     if np.count_nonzero(stable & np.isfinite(dz)) < LEAST_CELLS:
         return None
-    middle = median(dz, stable)
-    spread = MAD_TO_SIGMA * median(dz, stable, middle)
+    some, still = some_rows(dz, stable)  # a bound at six sigmas need not be exact
+    middle = median(some, still)
+    spread = MAD_TO_SIGMA * median(some, still, middle)
     values, counts, variance = error_sums(dz, stable, block, middle, GROSS * max(spread, 1e-9))
     reach = longest_lag((dz.shape[0], dz.shape[1])) // block
     pairs, products = _pooled([(values, counts)], reach)

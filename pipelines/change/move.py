@@ -90,6 +90,38 @@ def _heights(z, u, v, inside, four, lean, far):  # type: ignore[no-untyped-def] 
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _settle(u, v, inside, four, doubt, z, out_height, out_sigma):  # type: ignore[no-untyped-def]  # as above
+    """Heights and sigmas of a row, NaN where nothing was measured.
+
+    Sigma is carried, not averaged down: neighbouring cells share most of their error.
+    """
+    none = np.float32(0)
+    for j in range(z.size):
+        w00, w01, w10, w11, near = _weights(u[j], v[j], four[0, j], four[1, j], four[2, j], four[3, j])
+        s = w00 * (doubt[0, j] if w00 > 0 else none) + w01 * (doubt[1, j] if w01 > 0 else none)
+        s += w10 * (doubt[2, j] if w10 > 0 else none) + w11 * (doubt[3, j] if w11 > 0 else none)
+        known = inside[j] & near
+        out_height[j] = z[j] if known else np.nan
+        out_sigma[j] = s if known else np.nan
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+def _paint(u, v, four, grey, height, out_texture):  # type: ignore[no-untyped-def]  # as above
+    for j in range(height.size):
+        w00, w01, w10, w11, _ = _weights(u[j], v[j], four[0, j], four[1, j], four[2, j], four[3, j])
+        t = w00 * grey[0, j] + w01 * grey[1, j] + w10 * grey[2, j] + w11 * grey[3, j]
+        out_texture[j] = np.uint8(t + 0.5) if abs(height[j]) < np.inf else np.uint8(0)
+
+
+@njit(cache=True, nogil=True)
+def _nearest(level, u, v, at, right, down, height, out_level):  # type: ignore[no-untyped-def]  # as above
+    for j in range(height.size):
+        aside = right[j] if u[j] - np.floor(u[j]) >= 0.5 else np.int32(0)
+        below = down[j] if v[j] - np.floor(v[j]) >= 0.5 else np.int32(0)
+        out_level[j] = level[np.uint32(at[j] + aside + below)] if abs(height[j]) < np.inf else LEVEL_NONE
+
+
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def _resample(  # type: ignore[no-untyped-def]  # as above
     height, sigma, texture, level, shape, ahead, back, far, out_height, out_sigma, out_texture, out_level, first, last
 ):
@@ -110,24 +142,10 @@ def _resample(  # type: ignore[no-untyped-def]  # as above
             if _heights(z, u, v, inside, four, ahead, far) == 0:
                 break
         _around(sigma, at, right, down, doubt)
-        for j in range(columns):
-            w00, w01, w10, w11, near = _weights(u[j], v[j], four[0, j], four[1, j], four[2, j], four[3, j])
-            if not (inside[j] and near):
-                out_height[i, j] = out_sigma[i, j] = np.nan
-                out_texture[i, j] = 0
-                out_level[i, j] = LEVEL_NONE
-                continue
-            out_height[i, j] = z[j]
-            # sigma is carried, not averaged down: neighbouring cells share most of their error
-            s = (w00 * doubt[0, j] if w00 > 0 else 0.0) + (w01 * doubt[1, j] if w01 > 0 else 0.0)
-            s += (w10 * doubt[2, j] if w10 > 0 else 0.0) + (w11 * doubt[3, j] if w11 > 0 else 0.0)
-            out_sigma[i, j] = s
-            k, r, d = np.uint32(at[j]), np.uint32(right[j]), np.uint32(down[j])
-            t = w00 * texture[k] + w01 * texture[k + r] + w10 * texture[k + d] + w11 * texture[k + d + r]
-            out_texture[i, j] = np.uint8(t + 0.5)
-            aside = r if u[j] - np.floor(u[j]) >= 0.5 else np.uint32(0)
-            below = d if v[j] - np.floor(v[j]) >= 0.5 else np.uint32(0)
-            out_level[i, j] = level[k + aside + below]
+        _settle(u, v, inside, four, doubt, z, out_height[i], out_sigma[i])
+        _around(texture, at, right, down, doubt)
+        _paint(u, v, four, doubt, out_height[i], out_texture[i])
+        _nearest(level, u, v, at, right, down, out_height[i], out_level[i])
 
 
 def apply_motion(scan: Scan, motion: Motion, grid: Grid | None = None) -> Scan:

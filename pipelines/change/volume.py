@@ -13,7 +13,7 @@ from .blocks import block_side, block_sums
 from .covariance import ErrorCovariance, covariance_of_sums, error_covariance, longest_lag
 from .difference import Z_95
 from .noise_model import NoiseModel
-from .ranks import MAD_TO_SIGMA, median
+from .ranks import MAD_TO_SIGMA, median, some_rows
 from .smoothing import local_mean
 from .values import Change, Measurement
 
@@ -100,18 +100,18 @@ def wall_sigma(dz: npt.NDArray[np.float32], use: npt.NDArray[np.bool_], pitch_mm
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
 def _sums(dz, smooth, use, first, last):  # type: ignore[no-untyped-def]  # as above
     """Sums over the used cells of a slab: of dz, of its local mean, and of what of that is above 0."""
     net = mean = gained = 0.0
     for i in range(first, last):
         for j in range(dz.shape[1]):
-            if use[i, j]:
-                # beside what is missing there may be no local mean
-                local = smooth[i, j] if np.isfinite(smooth[i, j]) else dz[i, j]
-                net += dz[i, j]
-                mean += local
-                gained += max(local, np.float32(0))
+            z = dz[i, j] if use[i, j] else 0.0
+            # beside what is missing there may be no local mean
+            local = smooth[i, j] if use[i, j] & (abs(smooth[i, j]) < np.inf) else z
+            net += z
+            mean += local
+            gained += local if local > 0 else 0.0
     return net, mean, gained
 
 
@@ -178,7 +178,7 @@ def volumes(
         still = median(change.lod, use) / Z_95 / 2
     else:
         everywhere = smooth if number == np.count_nonzero(measured) else local_mean(dz, LOCAL_CELLS)
-        still = MAD_TO_SIGMA * median(everywhere, stable, about=0.0)
+        still = MAD_TO_SIGMA * median(*some_rows(everywhere, stable), about=0.0)
     sigma = float(np.hypot(random, wall_sigma(dz, use, grid.pitch_mm)))
     quiet = sum(in_slabs(grid.rows, lambda *rows: int(_within(dz, smooth, use, 2 * still, *rows)), least=256))
     # E max(e, 0) = 0.4 sigma for a normal error: what noise adds to both sums where nothing changed
@@ -236,14 +236,13 @@ def _said(lod: npt.NDArray[np.float32], use: npt.NDArray[np.bool_], shared: floa
     return sum(slabs) / max(1, int(np.count_nonzero(use)))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
 def _stated(lod, use, scale, shared, first, last):  # type: ignore[no-untyped-def]  # as above
     total = 0.0
     for i in range(first, last):
         for j in range(lod.shape[1]):
-            if use[i, j] and np.isfinite(lod[i, j]):
-                said = max(lod[i, j] * scale - shared, 0.0)
-                total += said * said
+            said = max(lod[i, j] * scale - shared, 0.0) if use[i, j] & (abs(lod[i, j]) < np.inf) else 0.0
+            total += said * said
     return total
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .diagnose_order import pairs_of
-from .diagnose_sample import Sample
+from .diagnose_sample import Sample, quantile
 
 __all__ = ["LightFigures", "light_figures"]
 
@@ -80,8 +80,8 @@ def light_figures(sample: Sample) -> LightFigures:
     if sample.lit.any():
         share = sample.share[:, ::THIN]
         white, black = (next(n for n, r in enumerate(sample.roles) if r.what == what) for what in ("white", "black"))
-        light[white] = float(np.median(share[white] + share[black]))  # as of pairs, so that blur matters to neither
-        ambient[black] = float(np.median(share[black]))
+        light[white] = quantile(share[white] + share[black])  # as of pairs, so that blur matters to neither
+        ambient[black] = quantile(share[black])
         _levels_of_pairs(sample, light, ambient)
         _mixtures(sample, mixed, ambient - np.nanmedian(ambient))
         ambient -= np.nanmedian(ambient)
@@ -123,18 +123,17 @@ def _levels_of_pairs(sample: Sample, light: Doubles, ambient: Doubles) -> None:
             continue
         stripes = share[p] - share[n]
         if stripes.var() < UNCERTAIN:  # even: one of them is all light
-            light[p if stripes.mean() > 0 else n] = float(np.median(share[p] + share[n]))
+            light[p if stripes.mean() > 0 else n] = quantile(share[p] + share[n])
             continue
         level, tilt = _project(np.stack([np.ones_like(stripes), stripes]), share[p] + share[n])
         light[p], light[n] = level + tilt, level - tilt
-        size = np.abs(stripes)
-        if np.median(size) < WIDE:
+        if quantile(np.abs(stripes)) < WIDE:
             continue
         for frame, partner in ((p, n), (n, p)):  # dark where its inverse is light, which says nothing of its own noise
-            full = float(np.percentile(share[partner], 80))
+            full = quantile(share[partner], 0.8)
             dark = share[frame][share[partner] > FULL * full]
             if full > 0.5 and len(dark) > FEW:
-                ambient[frame] = float(np.median(dark))
+                ambient[frame] = quantile(dark)
 
 
 def _mixtures(sample: Sample, mixed: Doubles, dark: Doubles) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .diagnose_order import pairs_of
-from .diagnose_sample import Sample
+from .diagnose_sample import Sample, quantile
 
 __all__ = ["Motion2D", "image_motion"]
 
@@ -73,21 +73,32 @@ def image_motion(sample: Sample) -> Motion2D:
     usable[..., ::2] = False  # half of them tell enough
     if usable.sum() < FEW:
         return Motion2D((), np.zeros((0, 2)), np.zeros(0))
+    at = np.flatnonzero(np.pad(usable, ((0, 0), (1, 1), (1, 1))))
+    pixels = tiles.reshape(len(tiles), -1)[:, at]
+    base = (pixels[white] + pixels[black]) / 2
     # shadow edges and texture count alike; the pattern's own edges are in the gradient of no group
-    base = [along_x[usable], along_y[usable], sample.swing[inner][usable], np.ones(int(usable.sum()), np.float32)]
+    columns = np.empty((5, at.size), np.float32)
+    columns[0], columns[1] = along_x[usable], along_y[usable]
+    columns[2], columns[3] = sample.swing.ravel()[at], 1
     shifts, sigmas, kept = [], [], []
     for group in groups:
-        moved = tiles[list(group)].mean(axis=0)
-        columns = np.stack([*base, (tiles[group[0]] - tiles[group[1]])[inner][usable]])
-        shift, sigma = _fit(columns, (moved - still)[inner][usable])
+        columns[4] = pixels[group[0]] - pixels[group[1]]
+        shift, sigma = _fit(columns, _mean(pixels, group) - base)
         if np.abs(shift).max() > COARSE_PX or sigma > COARSE_PX / 8:
-            whole = _whole_shift(still, moved)
+            whole = _whole_shift(still, _mean(tiles, group))
             if np.abs(whole).max() > max(1.0, float(np.abs(shift).max())):
                 shift = whole
         shifts.append(shift)
         sigmas.append(sigma)
         kept.append(group)
     return Motion2D(tuple(kept), np.array(shifts).reshape(-1, 2), np.array(sigmas))
+
+
+def _mean(frames: Floats, group: tuple[int, ...]) -> Floats:
+    total = frames[group[0]] + frames[group[1]]
+    for more in group[2:]:
+        total += frames[more]
+    return np.asarray(total / np.float32(len(group)), np.float32)
 
 
 def _groups(sample: Sample) -> list[tuple[int, ...]]:
@@ -105,14 +116,15 @@ def _fit(columns: Floats, value: Floats) -> tuple[Doubles, float]:
     normal += np.eye(len(normal)) * 1e-9 * float(np.trace(normal))
     found = np.linalg.solve(normal, (columns @ value).astype(np.float64))
     rest = value - found @ columns
-    near = np.abs(rest) < 4 * max(1.4826 * float(np.median(np.abs(rest))), 0.3)
-    columns, value = columns[:, near], value[near]
+    size = np.abs(rest)
+    near = size < 4 * max(1.4826 * quantile(size), 0.3)
+    columns, value = columns * near, value * near
     normal = (columns @ columns.T).astype(np.float64)
     normal += np.eye(len(normal)) * 1e-9 * float(np.trace(normal))
     inverse = np.linalg.inv(normal)
     found = inverse @ (columns @ value).astype(np.float64)
     rest = value - found @ columns
-    sigma = np.sqrt(np.mean(np.square(rest)) * np.diag(inverse)[:2].max())
+    sigma = np.sqrt(float(rest @ rest) / np.count_nonzero(near) * np.diag(inverse)[:2].max())
     return np.asarray(-found[:2], np.float64), float(sigma)
 
 
