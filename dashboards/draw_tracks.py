@@ -52,11 +52,10 @@ def read_tracks(file: Path, store: Store) -> pd.DataFrame:
     except (OSError, ValueError, KeyError) as error:
         why = error.strerror if isinstance(error, OSError) and error.strerror else "no table of paths"
         raise InputError(f"{file}: {why}: `microrelief track STORE --out {file.name}` writes one") from None
-    numbers = {time: number for number, time in enumerate(scan_table(store).times)}
-    scans = pd.Series(times.to_numpy().astype("datetime64[ns]"), found.index).map(numbers.get)
-    if not scans.notna().any():
+    scans = pd.DatetimeIndex(scan_table(store).times).get_indexer(times.as_unit("ns"))
+    if not (scans >= 0).any():
         raise InputError(f"{file}: is of another store: none of its times is that of a scan in {store.about.location}")
-    return found.assign(scan=scans)[scans.notna()].sort_values("scan")
+    return found.assign(scan=scans)[scans >= 0].sort_values("scan")
 
 
 def log_tracks(

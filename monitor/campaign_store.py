@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 from configs import Campaign, InputError
 from pipelines import Calibration, Grid, PatternSet
 from storage import Store, create_store, open_store, store_exists
@@ -12,6 +14,11 @@ from .environment import units_of
 from .recipe import campaign_hash
 
 __all__ = ["create", "grid_of", "open_existing", "plan_of", "units"]
+
+FINEST = 10
+"""Cells finer than a tenth of the camera's pixel show nothing more, and a unit forgotten would ask for billions."""
+FEWEST = 8
+"""So many cells or more lie across the field of view: fewer are no map."""
 
 
 def units(campaign: Campaign) -> dict[str, str]:
@@ -27,16 +34,13 @@ def open_existing(campaign: Campaign) -> Store | None:
     Raises
     ------
     InputError
-        Its place is a file, or it has other cells than the campaign asks for.
+        Its place is a file or cannot be written, or it has other cells than the campaign asks for.
     StoreError
         It cannot be opened, or another process writes it.
     """
     path, pitch_mm = campaign.store.path, campaign.grid.pitch_mm
     if not store_exists(path):
-        beside = campaign.store.beside.absolute()
-        above = next(folder for folder in (beside, *beside.parents) if folder.exists())
-        if not above.is_dir():
-            raise InputError(f"store.path {path}: {above} is a file, not a folder; name another place")
+        _make_room(campaign)
         return None
     store = open_store(path, write=True, metrics=units(campaign))
     kept = store.about.grid
@@ -47,6 +51,24 @@ def open_existing(campaign: Campaign) -> Store | None:
             "take the store's pitch, or give store.path another name"
         )
     return store
+
+
+def _make_room(campaign: Campaign) -> None:
+    """Make the folder that store, calibration and ledger lie in, before the work that ends there."""
+    path, beside = campaign.store.path, campaign.store.beside.absolute()
+    above = next(folder for folder in (beside, *beside.parents) if folder.exists())
+    if not above.is_dir():
+        raise InputError(f"store.path {path}: {above} is a file, not a folder; name another place")
+    try:
+        beside.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"store.path {path}: the folder {beside} cannot be made: {error.strerror}; name another place"
+        ) from None
+    if not os.access(beside, os.W_OK):
+        raise InputError(
+            f"store.path {path}: this user may not write into {beside}; name another place, or give the right to write"
+        )
 
 
 def plan_of(campaign: Campaign, calibration: Calibration, store: Store | None) -> AreaPlan | None:
@@ -86,9 +108,18 @@ def _footprint(calibration: Calibration, pitch_mm: float | None) -> Grid:
     from pipelines.reconstruction import footprint_grid
 
     try:
-        return footprint_grid(calibration, pitch_mm)
+        natural = footprint_grid(calibration, None)
     except ValueError as error:
         raise InputError(f"calibration {calibration.id}: {error}") from None
+    if pitch_mm is None:
+        return natural
+    finest, coarsest = natural.pitch_mm / FINEST, min(natural.shape) * natural.pitch_mm / FEWEST
+    if not finest <= pitch_mm <= coarsest:
+        raise InputError(
+            f"grid.pitch_mm is {pitch_mm:g}: a camera pixel is about {natural.pitch_mm:g} mm wide on the object, so "
+            f"give {finest:g} to {coarsest:.2g} mm, or leave it out"
+        )
+    return footprint_grid(calibration, pitch_mm)
 
 
 def grid_of(store: Store) -> Grid:

@@ -172,6 +172,9 @@ def _explain(error: Exception, tokens: Sequence[str]) -> tuple[str, int]:
 def _missing(name: str, tokens: Sequence[str]) -> str:
     """Say which argument is missing: one named by its place, an option, or an option's value."""
     if name in tokens:
+        given = tokens[tokens.index(name) + 1 :][:1]
+        if given and given[0][:1] == "-" and given[0][1:2].isdigit():  # taken for an option
+            return f"a value that begins with a minus sign is written {name}={given[0]}"
         return f"{name} needs a value"
     return f"{name} is missing" if tokens[1:] else f"{name.removeprefix('--').upper()} is missing"
 

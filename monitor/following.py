@@ -16,6 +16,7 @@ from pipelines import Scan
 from pipelines.change import Comparison
 from storage import Store, open_store, write_series
 
+from .outputs import check_table
 from .progress import Progress
 
 if TYPE_CHECKING:
@@ -27,14 +28,17 @@ Found = TypeVar("Found")
 
 
 @contextmanager
-def following(path: Path, least: int, why: str) -> Iterator[Store]:
-    """Open a store of so many scans or more, and close it.
+def following(path: Path, least: int, why: str, out: Path | None = None) -> Iterator[Store]:
+    """Open a store of so many scans or more, and close it; `out` is the table that is to come of it.
 
     Raises
     ------
     InputError
-        If there is no such store, or it holds fewer; `why` says what cannot be done then.
+        If there is no such store, or it holds fewer (`why` says what cannot be done then), or the table's name or
+        folder is none: told before the work, not after it.
     """
+    if out is not None:
+        check_table(out)
     opened = open_store(path)
     try:
         if len(opened) < least:

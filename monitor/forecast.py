@@ -168,7 +168,7 @@ def _disk(campaign: Campaign, patterns: PatternSet, slots: Slots, now: Instant) 
         folder = folder.parent
     free = shutil.disk_usage(folder).free
     if per_day > 0:
-        text += f"; {format_bytes(free)} free, enough for {free / per_day:.3g} days"
+        text += f"; {format_bytes(free)} free, enough for {_long(free / per_day)}"
     lines = [text]
     full = full_on(campaign, now, free, per_day)
     if full is not None:
@@ -180,6 +180,14 @@ def _disk(campaign: Campaign, patterns: PatternSet, slots: Slots, now: Instant) 
         day = f", and it is full on {format_instant(full)[:10]}" if full is not None else ""
         lines.append(f"  in a burst that lasts: {format_bytes(often)} a day{day}")
     return lines
+
+
+def _long(days: float) -> str:
+    """Give a length of time as people say it: days, then years, and no more than a century."""
+    if days < 10:
+        return f"{days:.1f} days"
+    years = days / 365.25
+    return f"{days:.0f} days" if years < 2 else f"{years:.0f} years" if years < 100 else "more than a century"
 
 
 def full_on(campaign: Campaign, now: Instant, free: float, per_day: float) -> Instant | None:

@@ -225,7 +225,10 @@ def _environment_told(sensor: Sensor) -> str:
 
 
 def _store_told(store: str | Path) -> str:
-    return f"{store}: {len(open_store(store))} scans" if store_exists(store) else f"{store}: the first run makes it"
+    if not store_exists(store):
+        return f"{store}: the first run makes it"
+    count = len(open_store(store))
+    return f"{store}: {count} scan{'' if count == 1 else 's'}"
 
 
 def _read_calibration(file: Path) -> str:

@@ -233,7 +233,8 @@ class Promptness:
     def told(self) -> str:
         """In words."""
         after = f", worked out after {self.latency_s:.2f} s" if np.isfinite(self.latency_s) else ""
-        return f"newest began {self.lag_s:.3f} s late{after}; {self.dropped} dropped beside the newest {self.visits}"
+        told = f"of the newest {self.visits + self.dropped} slots {self.dropped} were dropped"
+        return f"newest began {self.lag_s:.3f} s late{after}; {told}"
 
 
 def promptness(visits: Sequence[Health]) -> Promptness | None:

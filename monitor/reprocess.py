@@ -17,6 +17,7 @@ from storage import Rework, ScanTable, Spread, Store, open_store
 
 from . import __version__
 from .alarms import Watches, after_gap, after_scan, gaps_in, remembered_at, seen_in, states_of, told
+from .loop import BEGAN, ENDED
 from .recipe import campaign_hash, campaign_rules, read_pattern_set
 from .visit import Finding, Rules, compare_with, judged, make_scan, remarks
 
@@ -276,6 +277,8 @@ def _write(
             scan.time, "epoch", f"epoch {rework.tail.epoch + 1} begins: scan {remade.number} was chosen as baseline"
         )
         notes = (*(said or (begins,)), *notes)
+    of_the_loop = tuple(event for event in before if event.kind == "note" and event.text.startswith((BEGAN, ENDED)))
+    notes = (*of_the_loop, *notes)  # they may share a scan's time: on a simulated clock, as `microrelief demo` has it
     finding = Finding(scan) if chosen else remade.finding
     result = judged(finding, rules, watches, remade.planned, notes, air=air)
     tick = replace(result.tick, calibration=remade.calibration, metrics={**result.tick.metrics, **air})

@@ -53,6 +53,8 @@ def parse_instant(text: str, zone: tzinfo | str | None = None) -> Instant:
         moment = datetime.fromisoformat(text.strip())
     except ValueError:
         raise ValueError(f"{text!r} is not a time: write it like 2026-11-22T21:00:00Z") from None
+    if not 1678 <= moment.year <= 2261:  # 64 bits of nanoseconds would wrap around without a word
+        raise ValueError(f"{text!r} is not a time of ours: its year must lie from 1678 to 2261")
     if moment.tzinfo is None and zone is not None:
         moment = moment.replace(tzinfo=ZoneInfo(zone) if isinstance(zone, str) else zone)
     # datetime stops at microseconds: the digits after the sixth are ours to add

@@ -6,6 +6,8 @@ from typing import Literal
 
 import numpy as np
 
+from pipelines import Change
+
 from ..findings import Findings
 from ..maps import Outlines, camera_picture, change_map, height_map, rate_map
 from ..places import Polygon
@@ -56,23 +58,9 @@ def maps(findings: Findings) -> Section | None:
         for stored in moved:
             change = stored.change
             assert change is not None  # filtered above
-            known = np.isfinite(change.dz)
-            share = 100 * float(change.significant.sum()) / max(int(known.sum()), 1)
-            lod = float(np.nanmedian(change.lod)) if known.any() else float("nan")
-            words = f"Change, scan {stored.number}, {day_and_time(stored.scan.time)}"
-            figures.append(
-                Figure(
-                    change_map(
-                        stored.scan,
-                        change,
-                        limit,
-                        f"{words}: {plain(share, 3)}\N{NO-BREAK SPACE}% of the cells changed.",
-                        outlines,
-                    ),
-                    f"{words}: {plain(share, 3)}\N{NO-BREAK SPACE}% of the cells changed by more than "
-                    f"their level of detection (median {plain(1000 * lod, 2)} µm)",
-                )
-            )
+            share, measured_by = _how_much(change)
+            words = f"Change, scan {stored.number}, {day_and_time(stored.scan.time)}: {share}"
+            figures.append(Figure(change_map(stored.scan, change, limit, f"{words}.", outlines), words + measured_by))
     rates = findings.rates
     if rates is not None:
         text.append(
@@ -107,3 +95,16 @@ def _outlines(findings: Findings) -> tuple[Outlines, list[str]]:
     if counted:
         outlines.append(("region", counted))
     return outlines, said
+
+
+def _how_much(change: Change) -> tuple[str, str]:
+    """Say how much of a map changed, and by what measure."""
+    known = np.isfinite(change.lod) & np.isfinite(change.dz)
+    if not known.any():  # maps of other scanners, as a rule
+        return "the scans say no uncertainty", ", so nobody can tell how much of it is certain"
+    share = 100 * float(change.significant.sum()) / int(np.isfinite(change.dz).sum())
+    lod = float(np.nanmedian(change.lod))
+    return (
+        f"{plain(share, 3)}\N{NO-BREAK SPACE}% of the cells changed",
+        f" by more than their level of detection (median {plain(1000 * lod, 2)} µm)",
+    )

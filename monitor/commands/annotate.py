@@ -79,9 +79,14 @@ def _moment(store: Store, scan: str | None, time: str | None) -> tuple[Instant, 
     """Give when a remark is about, and the words for its scan."""
     if time is not None:
         try:
-            return parse_instant(time, ZoneInfo(site_zone(store.about.campaign))), ""
+            moment = parse_instant(time, ZoneInfo(site_zone(store.about.campaign)))
         except ValueError as error:
             raise InputError(f"--time {time}: {error}") from None
+        now = RealClock().now()
+        latest = max(now, store[-1].scan.time) if len(store) else now  # a simulated rig's clock may be ahead
+        if moment > latest:  # a wrong year would stretch every timeline for good
+            raise InputError(f"--time {time}: is still to come: a remark is about what was seen or done")
+        return moment, ""
     if not len(store):
         if scan is not None:
             raise InputError(f"--scan {scan}: {store.about.location} holds no scan yet")

@@ -70,7 +70,7 @@ def cracks(
     """
     from pipelines.change import follow_cracks
 
-    with following(store, 1, "so there is no crack to follow") as opened, progress("following cracks") as step:
+    with following(store, 1, "so there is no crack to follow", out) as opened, progress("following cracks") as step:
         region = counted_cells(opened)
         found = [_told(sightings) for sightings in follow_cracks(laid_scans(opened, step), region=region)]
     give(found, out, as_json=as_json, table=_table, mapping=_mapping, lines=_lines)

@@ -15,7 +15,7 @@ from cyclopts import Parameter
 
 from configs import Campaign, InputError, did_you_mean, parse_duration
 from pipelines import Event, Grid, Instant, Scan, format_instant, instant, parse_instant
-from storage import Store, create_store, fitting_packing, open_store, read_raster, scan_of, store_exists
+from storage import Store, create_store, fitting_packing, open_store, read_raster, scan_of, scan_table, store_exists
 
 from .. import __version__
 from ..alarms import Watches, resumed
@@ -104,6 +104,7 @@ def ingest(
             opened = _create(store, [scan for _, scan in scans], metric)
         else:
             _check_steps(opened, scans)
+            scans = _new(opened, scans)
         with closing(opened):
             rules = rules_of(None, opened)
             watches: Watches = resumed(rules.alarms, opened, rules.environment)
@@ -115,6 +116,15 @@ def ingest(
         if opened is not None:
             opened.close()
     return 0
+
+
+def _new(store: Store, scans: list[tuple[Path, Scan]]) -> list[tuple[Path, Scan]]:
+    """Leave out, and name, the scans whose times the store has already."""
+    there = set(scan_table(store).times.tolist())
+    for file, scan in scans:
+        if scan.time.item() in there:
+            print(f"{file}: the scan of {format_instant(scan.time)} is there already, left alone")
+    return [(file, scan) for file, scan in scans if scan.time.item() not in there]
 
 
 def _wishes(

@@ -53,7 +53,7 @@ def plates(
     from pipelines.change import follow_plates
 
     with (
-        following(store, 2, "and a plate has curled only against a scan before") as opened,
+        following(store, 2, "and a plate has curled only against a scan before", out) as opened,
         progress("following plates") as step,
     ):
         found = list(follow_plates(compared_scans(opened, step)))

@@ -28,6 +28,7 @@ from dashboards import (
 from pipelines import Instant, format_instant, parse_instant
 from storage import Store, cite, open_store
 
+from ..outputs import check_folder
 from ..progress import progress
 from .export import nearest_scan
 
@@ -82,6 +83,7 @@ def report(
     """
     if compare is not None and (from_ is not None or to is not None):
         raise InputError("--compare and --from or --to exclude each other: it names both scans")
+    check_folder(out)
     part = Region.parse(region) if region is not None else None
     if templates is not None and fill_templates(templates):
         print(f"{templates}: filled with our templates; change them and write the report again", file=sys.stderr)
@@ -99,10 +101,10 @@ def report(
     layout = Layout(pdf, templates)
     page = (write_comparison if compare is not None else write_findings)(findings, out, layout)
     _keep(store, opened.about.snapshot)
-    return _say(findings, page, as_json=json_, compared=compare is not None)
+    return _say(findings, page, as_json=json_, compared=compare is not None, pdf=pdf)
 
 
-def _say(findings: Findings, page: Path, *, as_json: bool, compared: bool) -> int:
+def _say(findings: Findings, page: Path, *, as_json: bool, compared: bool, pdf: bool) -> int:
     verdict = judge_findings(findings)
     if as_json:
         told = {
@@ -117,6 +119,8 @@ def _say(findings: Findings, page: Path, *, as_json: bool, compared: bool) -> in
         if not compared:
             print(f"{verdict.headline}: {' '.join(verdict.reasons)}")
         print(f"wrote {page}; open it in any browser")
+        if pdf:
+            print(f"wrote {page.with_suffix('.pdf')}, to print and to keep")
     return _IN_ALARM if verdict.tone == "red" and not compared else 0
 
 

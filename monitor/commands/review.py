@@ -31,6 +31,7 @@ from dashboards import (
 from storage import Store, open_store
 
 from ..live_review import Follower
+from ..outputs import check_recording
 from ..progress import progress
 from ..reviewing import served_review
 
@@ -95,6 +96,8 @@ def review(
         raise InputError(f"--follow and {other} exclude each other: choose one")
     origin, data_origin = origin.rstrip("/"), data_origin.rstrip("/")
     behind = _proxied(origin, data_origin, web=web and not follow and scans is None)
+    if save is not None:
+        check_recording(save)
     if not web and save is None and not has_screen():
         raise MicroreliefError(NO_SCREEN)
     chosen = None if scans is None else _range(scans)

@@ -70,7 +70,7 @@ def track(
         raise InputError("--least-height-mm and --least-area-mm2 must be above 0")
     if capture_seconds is not None and not capture_seconds > 0:
         raise InputError("--capture-seconds must be above 0")
-    with following(store, 2, "and nothing is seen to move in fewer than two") as opened:
+    with following(store, 2, "and nothing is seen to move in fewer than two", out) as opened:
         with progress("learning the substrate") as step:
             bare = bare_substrate(scans_as_taken(opened, step))
         with progress("following objects") as step:

@@ -281,6 +281,24 @@ def test_a_place_below_a_file_is_refused_before_anything_is_opened(tmp_path: Pat
     assert stages == []
 
 
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_a_place_that_may_not_be_written_is_refused_before_anything_is_opened(tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir(mode=0o500)
+    campaign = campaign_in(tmp_path)
+    for path, said in (("mine/site.icechunk", "may not write into"), ("mine/new/site.icechunk", "cannot be made")):
+        there = campaign.model_copy(update={"store": campaign.store.model_copy(update={"path": tmp_path / path})})
+        with pytest.raises(InputError, match=said):
+            run_campaign(there, clock=AcceleratedClock(T0))
+
+
+@pytest.mark.parametrize("pitch_mm", [20.0, 0.0002])
+def test_a_pitch_in_another_unit_is_refused_with_what_the_camera_sees(pitch_mm: float, tmp_path: Path) -> None:
+    campaign = campaign_in(tmp_path)
+    wrong = campaign.model_copy(update={"grid": campaign.grid.model_copy(update={"pitch_mm": pitch_mm})})
+    with pytest.raises(InputError, match=r"grid\.pitch_mm is .*a camera pixel is about .* mm wide"):
+        run_campaign(wrong, clock=AcceleratedClock(T0), rig=Rig(), work=work, max_scans=1)
+
+
 def test_a_region_off_the_grid_is_refused_with_what_the_grid_covers(tmp_path: Path) -> None:
     far = campaign_in(tmp_path).model_copy(update={"region_mm": ((50.0, 50.0), (60.0, 50.0), (60.0, 60.0))})
     with pytest.raises(InputError, match="region_mm holds no cell: the height map reaches from"):

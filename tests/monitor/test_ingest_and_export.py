@@ -50,7 +50,10 @@ def test_files_of_many_formats_become_one_series(here: Path, capsys: pytest.Capt
     told = capsys.readouterr().out.splitlines()
     assert told[0] == "committed scan 0 2026-11-22T21:00:00Z from 0.npz"
     assert len(told) == 4
-    assert run_tokens(["ingest", "s.icechunk", *names[4:], "--sigma-mm", "0.01"]) == 0
+    assert run_tokens(["ingest", "s.icechunk", *names, "--sigma-mm", "0.01"]) == 0  # again, as files arrive
+    told = capsys.readouterr().out.splitlines()
+    assert told[0] == "0.npz: the scan of 2026-11-22T21:00:00Z is there already, left alone"
+    assert [line.split()[0] for line in told[4:]] == ["committed", "committed"]
     store = open_store("s.icechunk")
     assert store.about.site == "s"
     series = store.series()
@@ -87,7 +90,9 @@ def test_times_come_from_the_file_or_the_command_line(here: Path, capfd: pytest.
     # without a sigma there is a change, but no level of detection
     assert store[1].change is not None
     assert np.isnan(store[1].change.lod).all()
-    assert run_tokens(["ingest", "s", "0.npz", "--time", "2026-11-22T21:00:00Z"]) == 1
+    assert run_tokens(["report", "s", "--out", "o"]) in (0, 3)  # says so, and divides by nothing
+    assert "so nobody can tell how much of it is certain" in (here / "o/report.html").read_text(encoding="utf-8")
+    assert run_tokens(["ingest", "s", "0.npz", "--time", "2026-11-22T22:00:00Z"]) == 1
     assert "is not newer than the newest one stored" in capfd.readouterr().err
 
 

@@ -184,7 +184,7 @@ def test_the_page_says_how_late_the_newest_visit_began_and_what_was_dropped(tmp_
     log.add_dropped(3)
     alone = Sites([SiteSource(campaign.store.path, campaign)], clock.now)
     client = TestClient(make_app(alone, NoReviews()), base_url=LOCAL)
-    told = "newest began 1.250 s late, worked out after 2.50 s; 3 dropped beside the newest 2"
+    told = "newest began 1.250 s late, worked out after 2.50 s; of the newest 5 slots 3 were dropped"
     assert f"<tr><th>Slots</th><td>{told}</td></tr>" in client.get("/site/site").text
     assert client.get("/site/site/status.json").json()["prompt"]["dropped"] == 3
     families = {family.name: family for family in text_string_to_metric_families(client.get("/metrics").text)}

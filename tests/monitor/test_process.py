@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -20,8 +20,10 @@ import zarr
 
 from configs import InputError
 from monitor.cli import run_tokens
+from monitor.loop import BEGAN, ENDED
 from monitor.reprocess import Outcome, process
 from monitor.visit import Rules
+from pipelines import Event, Tick
 from storage import collect, create_store, engine, open_store, snapshots
 from tests.monitor.stored import ALARM, GRID, STABLE, UNITS, at, fill, rig
 
@@ -118,6 +120,18 @@ def cluster(count: int = 2) -> Iterator[str]:
             each.wait(timeout=30)
             if each.stderr is not None:
                 each.stderr.close()
+
+
+def test_when_monitoring_began_and_ended_is_kept(tmp_path: Path) -> None:
+    path = tmp_path / "block.icechunk"
+    store = fill(path, 2, without=(0, 1))
+    notes = {f"{BEGAN}: microrelief": 0, f"{ENDED}: visits done": 1}
+    for text, number in notes.items():
+        store.append(Tick(at(number), events=(Event(at(number), "note", text),)))
+    store.close()
+    run(path)
+    with closing(open_store(path)) as again:
+        assert notes.keys() <= {event.text for event in again.events}
 
 
 def test_the_same_recipe_gives_what_the_campaign_gave_to_the_bit(path: Path) -> None:

@@ -10,11 +10,13 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from dashboards import behind_proxy
+from dashboards import behind_proxy, read_tracks
 from monitor.cli import main
-from storage import open_store
+from pipelines import Grid, Scan, Tick, parse_instant
+from storage import create_store, open_store
 from tests.dashboards.drying import DryingStore, drying_store
 from tests.dashboards.filled_store import fill_store
 
@@ -103,7 +105,7 @@ def test_an_empty_store_cannot_be_reviewed(empty_store: Path, run: Run) -> None:
 def test_a_review_that_cannot_be_written_is_said_in_one_line(store: Path, run: Run, tmp_path: Path) -> None:
     (tmp_path / "taken.rrd").mkdir()
     (tmp_path / "file").write_text("")
-    for place, why in (("taken.rrd", "is a folder"), ("file/r.rrd", "cannot be written there")):
+    for place, why in (("taken.rrd", "is a folder"), ("file/r.rrd", "there is no folder file")):
         ended = run("review", store, "--save", place)
         assert ended.returncode == 2
         assert why in one_line(ended)
@@ -197,6 +199,7 @@ def test_a_remark_is_shown_by_review_and_report(run: Run, tmp_path: Path) -> Non
         (("rain", "--scan", "0", "--time", "2026-05-04"), "--scan and --time exclude each other"),
         (("rain", "--scan", "9"), "--scan 9: there is no such scan"),
         (("rain", "--time", "noon"), "--time noon: "),
+        (("rain", "--time", "2126-05-04"), "is still to come"),
         (("rain", "--region", "9,9,10,10"), "the region holds no cell"),
     ],
 )
@@ -228,6 +231,18 @@ def test_paths_of_what_moves_are_shown_up_to_each_scan(store: Path, run: Run, tm
     assert "No such file" in one_line(run("review", store, "--save", "r.rrd", "--paths", "gone.csv"))
     (tmp_path / "late.csv").write_text("time,identity,x,y,z\n2027-01-01T00:00:00Z,1,0,0,0\n")
     assert "is of another store" in one_line(run("review", store, "--save", "r.rrd", "--paths", "late.csv"))
+
+
+def test_paths_find_their_scans_to_the_nanosecond_of_a_real_clock(tmp_path: Path) -> None:
+    at, grid = parse_instant("2026-05-04T06:00:00.445425163Z"), Grid(4, 5, 0.1)
+    flat, none = np.zeros(grid.shape, np.float32), np.zeros(grid.shape, np.uint8)
+    store = create_store(tmp_path / "video.icechunk", site="plate", grid=grid)
+    for seconds in range(2):
+        time = at + np.timedelta64(seconds, "s")
+        store.append(Tick(time, Scan(grid, time, flat, flat, none, none)))
+    (tmp_path / "paths.csv").write_text("time,identity,x,y,z\n2026-05-04T06:00:01.445425163Z,1,0,0,0\n")
+    assert read_tracks(tmp_path / "paths.csv", store)["scan"].tolist() == [1]
+    store.close()
 
 
 def test_report_of_a_site_in_alarm_exits_3(store: Path, run: Run, tmp_path: Path) -> None:

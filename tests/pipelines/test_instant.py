@@ -38,5 +38,11 @@ def test_what_is_no_time_is_named() -> None:
         parse_instant("tomorrow")
 
 
+@pytest.mark.parametrize("year", ["2926", "0226"])
+def test_a_year_that_nanoseconds_cannot_count_is_refused(year: str) -> None:
+    with pytest.raises(ValueError, match="year must lie from 1678 to 2261"):
+        parse_instant(f"{year}-11-22T21:00:00Z")
+
+
 def test_as_datetime_is_aware() -> None:
     assert as_datetime(parse_instant("2026-11-22T21:00:00Z")).utcoffset() is not None
