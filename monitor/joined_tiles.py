@@ -88,14 +88,7 @@ def join(
 
 
 def _doubts(found: Stitched, names: Sequence[str]) -> str:
-    """Overlaps that were used with care, or not at all: how many, and the first of them with its reason."""
-    told = []
-    for offset, motion, counts in zip(found.offsets, found.verdicts, found.placement.counts, strict=True):
-        pair = f"{names[offset.first]} and {names[offset.second]}"
-        if not counts:
-            told.append(f"{pair}: their offset contradicts the others and was left out")
-        elif motion.verdict == "doubtful":
-            told.append(f"{pair}: {motion.reason}")
-    told += [f"{names[i]} and {names[j]}: {reason}" for i, j, reason in found.failed]
+    """How many overlaps were used with care, or not at all, and one of them with its reason."""
+    told = found.doubts(names)
     count = len(found.offsets) + len(found.failed)
     return f"{len(told)} of {count} overlaps are doubtful, such as {told[0]}" if told else ""

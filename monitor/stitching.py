@@ -45,6 +45,17 @@ class Stitched:
     verdicts: tuple[Motion, ...]
     failed: tuple[tuple[int, int, str], ...]
 
+    def doubts(self, names: Sequence[str]) -> list[str]:
+        """Tell of each overlap that was used with care, or not at all; those that do not fit first."""
+        told = [f"{names[i]} and {names[j]}: overlap, but do not fit: {reason}" for i, j, reason in self.failed]
+        for offset, motion, counts in zip(self.offsets, self.verdicts, self.placement.counts, strict=True):
+            pair = f"{names[offset.first]} and {names[offset.second]}"
+            if not counts:
+                told.append(f"{pair}: their offset contradicts the others and was left out")
+            elif motion.verdict == "doubtful":
+                told.append(f"{pair}: doubtful: {motion.reason}")
+        return told
+
 
 def overlap_of(first: Scan, second: Scan, apart_mm: Floats) -> tuple[Scan, Scan, Floats] | None:
     """Cut the common part out of two tiles, without resampling: the second is moved by whole cells.

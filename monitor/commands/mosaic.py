@@ -141,21 +141,13 @@ def _about_positions(surfaces: list[Surface], stage_mm: npt.NDArray[np.float64],
             f"{surface.name:<{width}}  {x:9.4f} {y:9.4f} {z:8.4f}  "
             f"{off[0]:+7.1f} {off[1]:+7.1f} {off[2]:+7.1f}   {s[0]:5.2f} {s[1]:5.2f} {s[2]:5.2f}"
         )
-    lines += [
-        f"{surfaces[i].name} and {surfaces[j].name}: overlap, but do not fit: {reason}" for i, j, reason in found.failed
-    ]
+    lines += found.doubts([surface.name for surface in surfaces])
     group = found.placement.group
     lines += [
         f"{surface.name}: no overlap could be registered, its place rests on the stage alone"
         for number, surface in enumerate(surfaces)
         if group[number] != group[0]
     ]
-    for offset, motion, counts in zip(found.offsets, found.verdicts, found.placement.counts, strict=True):
-        pair = f"{surfaces[offset.first].name} and {surfaces[offset.second].name}"
-        if not counts:
-            lines.append(f"{pair}: their offset contradicts the others and was left out")
-        elif motion.verdict == "doubtful":
-            lines.append(f"{pair}: doubtful: {motion.reason}")
     return lines
 
 
