@@ -17,6 +17,7 @@ from .ranks import robust_sigma
 from .turn import CLIP, Turn, turn_left
 
 __all__ = [
+    "REACH",
     "SAMPLED",
     "SIMILAR",
     "Drift",
@@ -33,6 +34,8 @@ __all__ = [
 
 Floats = npt.NDArray[np.float32]
 
+REACH = 0.1
+"""No drift is sought beyond this share of the shorter side."""
 ROUNDS = 40
 """Far starts creep, a part of a cell a round; near ones end after three or four."""
 NEAR = 0.1
@@ -181,6 +184,8 @@ class _Likeness:
 def _likeness(first: Floats, second: Floats, reach: int) -> _Likeness:
     from scipy import fft
 
+    # apart from `put_back`: within reach nearly all cells overlap at every shift, so one norm serves for all of them,
+    # and maps are padded by the reach alone; there overlaps differ, are counted by a third product, and padding is full
     shape = [fft.next_fast_len(n + reach, real=True) for n in first.shape]
     maps = [np.clip(np.nan_to_num(one), -3, 3) for one in (first, second)]
     a, b = (fft.rfft2(one, shape, workers=1) for one in maps)
@@ -190,7 +195,7 @@ def _likeness(first: Floats, second: Floats, reach: int) -> _Likeness:
     return _Likeness(at, robust_sigma(at))
 
 
-def lateral_drift(scan: Scan, baseline: Scan, use: npt.NDArray[np.bool_], reach_mm: float | None = None) -> Drift:
+def lateral_drift(scan: Scan, baseline: Scan, use: npt.NDArray[np.bool_]) -> Drift:
     """Find the lateral shift of the sample between two scans of one grid.
 
     Height and texture are band-passed (Gaussians of 1 and 8 cells), scaled to equal spread and matched by
@@ -204,8 +209,6 @@ def lateral_drift(scan: Scan, baseline: Scan, use: npt.NDArray[np.bool_], reach_
         On one grid.
     use : ndarray of bool, shape (rows, columns)
         Cells of the baseline that may be used: the stable areas, or everything.
-    reach_mm : float, optional
-        Largest shift that is looked for; a tenth of the shorter side if left out.
 
     Returns
     -------
@@ -213,7 +216,7 @@ def lateral_drift(scan: Scan, baseline: Scan, use: npt.NDArray[np.bool_], reach_
         All NaN, with conditioning 0, where nothing has contrast or no shift is more alike than chance makes one.
     """
     grid = baseline.grid
-    reach = max(2, round((reach_mm / grid.pitch_mm) if reach_mm else min(grid.shape) / 10))
+    reach = max(2, round(REACH * min(grid.shape)))
     bands = side_by_side(lambda: bands_of_baseline(baseline), lambda: _bands(scan))
     channels = [pair for pair in zip(*bands, strict=True) if all(np.isfinite(band).any() for band in pair)]
     nothing = Drift(float("nan"), float("nan"), float("nan"), 0.0)

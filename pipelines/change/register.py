@@ -8,7 +8,7 @@ import numpy.typing as npt
 from ..grid import Grid
 from ..scan import Scan
 from .difference import subtracted
-from .drift import Drift, lateral_drift
+from .drift import REACH, Drift, lateral_drift
 from .follow import followed_drift
 from .motion import Motion, Verdict
 from .move import apply_motion
@@ -42,10 +42,9 @@ TURNED_CELLS = 1.0
 """One that moves the corners of the map by more cells is taken out before the shift is sought once more."""
 STILL_CELLS = 0.01
 """A tilt that moves what is high sideways by no more is taken out in one round."""
-REACH = 0.1
-"""No drift is sought beyond this share of the shorter side."""
 PUT_BACK_DEG = 0.5
 """No rig drifts by such a turn or tilt."""
+NOT_FOUND = "nothing of the baseline is found again"
 LEAST_FOLLOWED = 160_000
 """Fewer cells are registered in full: that takes no longer, and a sixteenth of them would be too few."""
 
@@ -133,7 +132,7 @@ def find_motion(
         if again.verdict != "failed" and better:
             return again, still
     if doubtful and there is False and motion.covariance is None:
-        return Motion.failed(motion.overlap, "nothing of the baseline is found again, where it lay or elsewhere"), held
+        return Motion.failed(motion.overlap, f"{NOT_FOUND}, where it lay or elsewhere"), held
     return motion, held
 
 
@@ -196,9 +195,10 @@ def _levelled(
     share = 1.0
     held = ground
     shared = SHARED_ERROR_CELLS * (scan.grid.pitch_mm / baseline.grid.pitch_mm) ** 2
+    known = baseline.height
+    middle, relief = median(known), float(np.fmax.reduce(known, axis=None) - np.fmin.reduce(known, axis=None))
     for _ in range(2):
-        moved = apply_motion(scan, Motion.guess(matrix), baseline.grid)
-        dz, sigma = subtracted(moved, baseline)
+        dz, sigma = subtracted(_laid(scan, matrix, baseline.grid), baseline)
         held = ground & np.isfinite(dz)
         if sought:
             agreed, share = largest_consensus(dz, sigma)
@@ -208,8 +208,9 @@ def _levelled(
         if plane is None:
             nothing = np.zeros_like(ground)
             return Motion.failed(overlap, "the stable cells are too few or lie on one line"), nothing
-        matrix = levelling(plane, median(baseline.height)) @ matrix
-        if _leans(plane, baseline) <= STILL_CELLS * scan.grid.pitch_mm:
+        matrix = levelling(plane, middle) @ matrix
+        # how far that moves the highest sideways against the lowest
+        if float(np.abs(plane.level[1:]).max()) * relief <= STILL_CELLS * scan.grid.pitch_mm:
             break  # what this plane takes out, no second one finds
     assert plane is not None
     # an imported map may say no sigma: then its residual cannot be judged
@@ -217,7 +218,9 @@ def _levelled(
     expected = expected if np.isfinite(expected) else np.inf
     # 1 um keeps a noise-free height map (imported, synthetic) from being judged by its rounding
     verdict, doubt = _judge(drift, plane.residual / max(expected, 1e-3), share)
-    reason = "; ".join(filter(None, (_told(matrix, scan.grid), doubt)))
+    # of a sample that is found nowhere, a slope that chance gave tells no place
+    found = np.isfinite(drift.dx_mm) or not np.array_equal(lay, np.eye(4))
+    reason = "; ".join(filter(None, (_told(matrix, scan.grid) if found else "", doubt)))
     # without a majority the offset is known no better than the change differs from place to place
     sigma_z = plane.residual if share < LEAST_CONSENSUS else float(np.sqrt(plane.covariance[0, 0]))
     motion = Motion(
@@ -233,12 +236,6 @@ def _levelled(
         covariance=None if share < LEAST_CONSENSUS else _covariance(plane, drift),
     )
     return motion, held
-
-
-def _leans(plane: Plane, baseline: Scan) -> float:
-    """How far taking a plane out moves the highest sideways against the lowest, mm."""
-    relief = float(np.nanmax(baseline.height) - np.nanmin(baseline.height))
-    return float(np.abs(plane.level[1:]).max()) * relief
 
 
 def _thinned(scan: Scan) -> Scan:
@@ -319,7 +316,7 @@ def _covariance(plane: Plane, drift: Drift) -> Matrix:
 def _plane_of(dz: npt.NDArray[np.float32], held: Mask, baseline: Scan, shared: float) -> Plane | None:
     """Plane through dz on the held cells, robustly from at most MOST_CELLS of them, then from all."""
     count = int(np.count_nonzero(held))
-    if count < 50:
+    if count < LEAST_CELLS:
         return None
     every = max(1, count // MOST_CELLS)
     rows, columns = every_of(held, every, count)
@@ -336,7 +333,8 @@ def _judge(drift: Drift, ratio: float, share: float) -> tuple[Verdict, str]:
         # the surface changed nearly everywhere: the residual is that change and says nothing about the fit
         return "doubtful", f"no stable areas are given and only {share:.0%} of the surface agrees on one plane"
     if ratio > failed:
-        return "failed", f"the stable areas differ by {ratio:.0f} times what the scans' uncertainties predict"
+        differ = f"the stable areas differ by {ratio:.0f} times what the scans' uncertainties predict"
+        return "failed", differ if np.isfinite(drift.dx_mm) else f"{NOT_FOUND}: {differ}"
     if ratio > doubtful:
         return "doubtful", f"the stable areas differ by {ratio:.1f} times what the scans' uncertainties predict"
     if not np.isfinite(drift.dx_mm):
