@@ -17,15 +17,14 @@ from urllib.parse import quote, unquote
 from configs import InputError, MicroreliefError
 
 __all__ = [
-    "FILE_MEMORY",
     "LOCAL",
-    "MEMORY",
     "NO_SCREEN",
     "behind_proxy",
     "check_ports",
     "end",
     "free_port",
     "has_screen",
+    "memory_limits",
     "open_command",
     "open_viewer",
     "serve_web",
@@ -39,9 +38,12 @@ NO_SCREEN = (
     "no screen here to open a window on: add --web to open the review in a browser, "
     "or --save FILE.rrd to look at it on another machine"
 )
-MEMORY, FILE_MEMORY = "300MB", "700MB"
+FETCHED, SENT, FILE = "500MB", "300MB", "700MB"
 """What a viewer may hold of a recording before it lets go of what is far from the cursor, or oldest: of one that it can
-fetch again from a catalog or that goes on without end; and of a file. Its own needs come on top, several times that."""
+fetch again from a catalog (with less it never has all that it shows, and fetches without end), of one that is sent to
+it and goes on, and of a file. Its own needs come on top, several times that."""
+LATE = "100MB"
+"""What a viewer keeps, beside that, of what was sent to it, for other viewers that come later: there are none."""
 
 _START_S = 20.0
 
@@ -83,6 +85,12 @@ def has_screen() -> bool:
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
+def memory_limits(source: str | Path) -> list[str]:
+    """Give the viewer's options for what it may hold of a file, of an address, or (empty) of what is sent to it."""
+    limit = SENT if not source else FETCHED if "://" in str(source) else FILE
+    return ["--memory-limit", limit, "--server-memory-limit", LATE]
+
+
 def open_viewer(
     source: str | Path,
     port: int | None = None,
@@ -111,8 +119,7 @@ def open_viewer(
         port = free_port()
     else:
         _check_free(port)
-    limit = MEMORY if not source or "://" in str(source) else FILE_MEMORY
-    command = [str(viewer_program()), "--bind", LOCAL, "--port", str(port), "--memory-limit", limit]
+    command = [str(viewer_program()), "--bind", LOCAL, "--port", str(port), *memory_limits(source)]
     command += ["--hide-welcome-screen", *([str(source)] if source else ["--expect-data-soon"])]
     viewer = subprocess.Popen(command, env=_quiet(), stderr=subprocess.PIPE, text=True)
     try:
@@ -160,7 +167,7 @@ def serve_web(source: str | Path, port: int = 9090) -> Iterator[tuple[str, subpr
     check_ports(port, 1 if served else 2)
     command = [str(viewer_program()), "--serve-web", "--bind", LOCAL, "--web-viewer-port", str(port)]
     if not served:
-        command += ["--port", str(port + 1), "--server-memory-limit", "50%" if address else MEMORY]
+        command += ["--port", str(port + 1), "--server-memory-limit", "50%" if address else SENT]
     server = start([*command, *([address] if address else [])])
     try:
         wait_until_listening(server, port)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 
-from configs import Campaign, InputError
+from configs import Campaign, InputError, StoreError
 from pipelines import Calibration, Grid, PatternSet
 from storage import Store, create_store, open_store, store_exists
 
@@ -89,19 +89,35 @@ def plan_of(campaign: Campaign, calibration: Calibration, store: Store | None) -
 
 
 def create(campaign: Campaign, calibration: Calibration, patterns: PatternSet, text: str) -> Store:
-    """Make a campaign's store. Raises InputError where the calibration sees no grid of that pitch."""
+    """Make a campaign's store.
+
+    Raises
+    ------
+    InputError
+        The calibration sees no grid of that pitch.
+    StoreError
+        It cannot be made, or another process has made it meanwhile.
+    """
     plan = plan_of(campaign, calibration, None)
     grid = _footprint(calibration, campaign.grid.pitch_mm) if plan is None else plan.grid
-    return create_store(
-        campaign.store.path,
-        site=campaign.site.name,
-        grid=grid,
-        campaign=text,
-        campaign_hash=campaign_hash(campaign, patterns),
-        metrics=units(campaign),
-        software=f"microrelief {__version__}",
-        kind=campaign.store.kind,
-    )
+    try:
+        return create_store(
+            campaign.store.path,
+            site=campaign.site.name,
+            grid=grid,
+            campaign=text,
+            campaign_hash=campaign_hash(campaign, patterns),
+            metrics=units(campaign),
+            software=f"microrelief {__version__}",
+            kind=campaign.store.kind,
+        )
+    except StoreError:
+        if not store_exists(campaign.store.path):
+            raise
+        raise StoreError(
+            f"{campaign.store.path}: another process began this campaign a moment ago and writes there: "
+            "end one of the two"
+        ) from None
 
 
 def _footprint(calibration: Calibration, pitch_mm: float | None) -> Grid:

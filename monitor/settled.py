@@ -127,6 +127,11 @@ class Outcome:
     stopped: bool = False
 
     @property
+    def visits(self) -> int:
+        """Slots that were answered, well or badly."""
+        return self.taken + self.rejected + self.failed
+
+    @property
     def degraded(self) -> bool:
         """Whether any slot did not end well while this ran."""
         return self.missed > self.away or bool(self.rejected or self.failed)

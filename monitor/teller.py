@@ -32,6 +32,7 @@ class Teller:
 
     def __init__(self, campaign: Campaign) -> None:
         video = campaign.schedule.video
+        self._until = campaign.schedule.until
         self._pulse = PulseMeter(video.most_under_way) if video is not None else None
         self._console = Console(highlight=False, soft_wrap=True)
         self._waited = False
@@ -90,6 +91,10 @@ class Teller:
                 line += f" rejected: {settled.cause}"
             if self._pulse is None or self._status is None or settled.state != "taken":
                 self.say(line)
+            if settled.number and settled.tick.change is None:
+                self.say(
+                    f"scan {settled.number} begins a new epoch: later ones are compared with it, not with those before"
+                )
         elif settled.count > 1:
             self.say(settled.told)
         else:
@@ -109,4 +114,7 @@ class Teller:
         for name, values in (("lag", outcome.lags_s), ("worked out after", outcome.latencies_s)):
             if self._pulse is not None and values:
                 parts.append(f"{name} p50 {statistics.median(values):.3f} s max {max(values):.3f} s")
-        self.say(("stopped: " if outcome.stopped else "done: ") + ", ".join(parts))
+        over = ""
+        if not (outcome.stopped or outcome.visits) and self._until is not None:
+            over = f"; the schedule ends at {self._until:%Y-%m-%d %H:%M} (schedule.until)"
+        self.say(("stopped: " if outcome.stopped else "done: ") + ", ".join(parts) + over)

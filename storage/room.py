@@ -22,6 +22,8 @@ RESERVE_SCANS = 10
 LEAST_SCANS = 2
 PART_OF_DISK = 0.05
 LONGEST_S = 100 * 365 * 86400
+LEAST_RECORD, LEAST_RECORD_S = 10, 86400
+"""Of fewer scans in less time nobody knows the pace: two taken by hand may lie seconds apart."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +92,8 @@ def full_at(now: Instant, free: float, used: float, first: Instant, last: Instan
     if scans < 2 or not used:
         return None
     seconds = float((last - first) / np.timedelta64(1, "s"))
+    if scans < LEAST_RECORD and seconds < LEAST_RECORD_S:
+        return None
     left = free / used * seconds * scans / (scans - 1)
     if not 0 < left < LONGEST_S:
         return None

@@ -49,7 +49,7 @@ def area(
     height_map
         Where the height map goes: .npz, .nc, .tif or .ply; `area.nc` in the folder unless given.
     pitch_mm
-        Side of a cell; by default about one camera pixel.
+        Side of a cell; by default the campaign's `grid.pitch_mm`, and without one about a camera pixel.
 
     Examples
     --------
@@ -65,6 +65,7 @@ def area(
     result = out / "area.nc" if height_map is None else height_map
     if height_map is not None:
         check_out(height_map, pitch_mm)
+    pitch_mm = pitch_mm if pitch_mm is not None else settings.grid.pitch_mm
     scan = _prepare(settings, out)
     if dry_run:
         for tile in scan.tiles:

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 __all__ = ["repeatability"]
 
+MOST_UNREST = 1.5
+"""So much more may the first and last scan differ than neighbours do; at rest it is 1 within some per cent."""
 MOST_SCANS = 12
 """More repeat scans than this hardly tell more, and all lie in memory at once."""
 
@@ -83,7 +85,7 @@ def repeatability(
 
 
 def _worked_out(opened: Store, store: str, from_: str | None, to: str | None) -> NoiseModel:
-    from pipelines.change import compare, noise_model
+    from pipelines.change import compare, noise_model, unrest
 
     if len(opened) < 2:
         raise InputError(f"{store}: holds {len(opened)} scans, repeatability needs two or more")
@@ -122,6 +124,11 @@ def _worked_out(opened: Store, store: str, from_: str | None, to: str | None) ->
         model = noise_model(repeats, use)
     except ValueError as error:
         raise InputError(f"{store}: {error}") from None
+    if (ratio := unrest(repeats, use)) > MOST_UNREST:
+        print(
+            f"WARNING: the first and the last scan differ {ratio:.1f} times as much as neighbours do: something "
+            "changed, and the model takes that for noise. Choose scans at rest with --from and --to"
+        )
     return replace(model, snapshot=opened.about.snapshot, software=f"microrelief {__version__}")
 
 

@@ -22,7 +22,7 @@ from .plate_identity import NamedPlates, PlateMemory, PlateSightings, follow_pla
 from .plates import Plate, find_plates, rim_slope
 from .regions import polygon_mask
 from .register import LEAST_CELLS, register
-from .repeatability import noise_model, repeat_pairs
+from .repeatability import noise_model, repeat_pairs, unrest
 from .roughness import ROUGHNESS, Filters, filtered, roughness
 from .stable import largest_consensus
 from .substrate import Substrate, bare_substrate, update_substrate
@@ -94,6 +94,7 @@ __all__ = [
     "repeat_pairs",
     "rim_slope",
     "roughness",
+    "unrest",
     "update_substrate",
     "volumes",
 ]

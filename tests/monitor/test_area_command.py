@@ -38,6 +38,7 @@ area:
   y_mm: [0, 0]
   settle_s: 0.0
   tries: 1
+grid: {pitch_mm: 0.1}
 """
 
 
@@ -142,7 +143,7 @@ def test_the_simulated_rig_scans_an_area_that_mosaic_puts_together(
     said = capsys.readouterr()
     assert "tile_01_01: taken" in said.out
     assert "the camera does not answer; is it plugged in?" in said.err
-    assert run_tokens(["area", "soil.yaml", "--out", "crust", "--pitch-mm", "0.1", "--height-map", "all.tif"]) == 0
+    assert run_tokens(["area", "soil.yaml", "--out", "crust", "--height-map", "all.tif"]) == 0
     said_again = capsys.readouterr().out
     assert "tile_01_01: taken" not in said_again  # it was there
     assert "2 of 2 tiles are in crust" in said_again
@@ -156,6 +157,7 @@ def test_the_simulated_rig_scans_an_area_that_mosaic_puts_together(
     scan = read_height_map(Path("all.tif"), print)
     assert scan.grid.columns * scan.grid.pitch_mm > 17.0  # one field is about 15 mm wide
     assert scan.coverage > 0.9
+    assert scan.grid.pitch_mm == pytest.approx(0.1), "the campaign's"
 
 
 def test_a_simulated_stage_does_not_carry_what_a_real_rig_looks_at() -> None:

@@ -16,11 +16,12 @@ import pytest
 
 from configs import InputError, StoreError
 from monitor.campaign import run_campaign
+from monitor.campaign_store import create
 from monitor.clock import AcceleratedClock
 from monitor.loop import BEGAN, ENDED
 from monitor.settled import Settled
 from monitor.standing import look
-from pipelines import instant
+from pipelines import Calibration, PatternSet, instant
 from storage import Ledger, ledger_beside, open_store
 from storage.ledger import INTERRUPTED
 
@@ -51,6 +52,15 @@ def states(folder: Path) -> dict[int, str]:
 def planned_hours(folder: Path) -> list[int]:
     store = open_store(folder / "site.icechunk")
     return [int((store[number].planned - T0) / HOUR) for number in range(len(store))]
+
+
+def test_of_two_that_begin_at_once_the_second_says_so(tmp_path: Path) -> None:
+    campaign, patterns = campaign_in(tmp_path), PatternSet("gray", (16, 16), bits=(2, 2))
+    calibration = Calibration.from_json((tmp_path / "calibration.json").read_text(encoding="utf-8"))
+    first = create(campaign, calibration, patterns, "")
+    with pytest.raises(StoreError, match="another process began this campaign a moment ago"):
+        create(campaign, calibration, patterns, "")
+    first.close()
 
 
 def test_a_restart_goes_on_with_the_next_slot_and_the_same_store(tmp_path: Path) -> None:

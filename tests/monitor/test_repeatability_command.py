@@ -37,6 +37,7 @@ def test_it_is_kept_and_used(still: Path, tmp_path: Path, capsys: pytest.Capture
     path, file = str(still), tmp_path / "noise.json"
     assert run_tokens(["repeatability", path, "--from", "0", "--to", "5", "--out", str(file)]) == 0
     said = capsys.readouterr().out
+    assert "WARNING" not in said
     model = NoiseModel.from_json(file.read_text(encoding="utf-8"))
     assert f"noise model {model.id} kept in {path}" in said
     assert float(re.findall(r"level, in pairs not fitted to: (\S+) %", said)[0]) == pytest.approx(5, abs=1.5)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,8 @@ from monitor.pulse import PulseMeter
 from monitor.settled import Settled, Tally
 from monitor.slot_rules import NOT_RUNNING
 from monitor.teller import Teller
-from pipelines import Tick
+from pipelines import Change, Tick
+from pipelines.change import Motion
 
 from .campaigns import campaign_in
 from .stand_ins import PATTERNS, T0, FakeRig, after, flat_scan
@@ -31,7 +33,8 @@ def visit(number: int, late_s: float = 0.001) -> Visit:
 
 
 def taken(number: int) -> Settled:
-    tick = Tick(after(number), SCAN)
+    nothing = np.zeros(SCAN.grid.shape, np.float32)
+    tick = Tick(after(number), SCAN, Change(SCAN.grid, T0, nothing, nothing, Motion.none()))
     return Settled(after(number), "taken", "", number, tick, began=after(number + 0.001), latency_s=0.5, took_s=0.7)
 
 
@@ -72,6 +75,29 @@ def test_each_scan_has_a_line_where_there_is_no_terminal(tmp_path: Path, capsys:
         "committed scan 3 2026-01-01T00:00:00Z lag 0.001 s worked out 0.500 s took 0.700 s",
         "missed 2 slots, 2026-01-01T00:00:13Z to 2026-01-01T00:00:14Z: behind by 1.3 s",
         "done: 1 taken, 2 dropped, lag p50 0.001 s max 0.001 s, worked out after p50 0.500 s max 0.500 s",
+    ]
+
+
+def test_a_scan_that_is_compared_with_nothing_says_that_an_epoch_begins(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with Teller(campaign_in(tmp_path)) as teller:
+        for number in (0, 3):
+            teller.settled(replace(taken(number), tick=Tick(after(number), SCAN)))
+    assert capsys.readouterr().out.splitlines() == [
+        "committed scan 0 2026-01-01T00:00:00Z",
+        "committed scan 3 2026-01-01T00:00:00Z",
+        "scan 3 begins a new epoch: later ones are compared with it, not with those before",
+    ]
+
+
+def test_a_schedule_that_is_over_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with Teller(campaign_in(tmp_path, until="2026-01-02T00:00:00+00:00")) as teller:
+        teller.summary(Tally().outcome(stopped=False))
+        teller.summary(Tally().outcome(stopped=True))
+    assert capsys.readouterr().out.splitlines() == [
+        "done: 0 taken; the schedule ends at 2026-01-02 00:00 (schedule.until)",
+        "stopped: 0 taken",
     ]
 
 

@@ -269,6 +269,8 @@ def test_the_day_the_disk_is_full() -> None:
     days = np.timedelta64(50, "D")
     assert full_at(now, 50e6, 101e6, first, last, 101) == now + days
     assert full_at(now, 500e6, 101e6, first, last, 101) == now + 10 * days
+    assert full_at(now, 50e6, 2e6, first, first + np.timedelta64(11, "s"), 2) is None, "two by hand are no pace"
+    assert full_at(now, 50e6, 60e6, first, first + np.timedelta64(60, "s"), 60) is not None, "a minute of video is"
     for free, used, scans in ((50e6, 1e6, 1), (50e6, 0, 101), (1e12, 1e3, 101)):
         assert full_at(now, free, used, first, last, scans) is None, "not known, or a century away"
 

@@ -10,7 +10,7 @@ import pytest
 from scipy import ndimage
 
 from pipelines import Comparison, Scan
-from pipelines.change import Motion, NoiseModel, compare, difference, noise_model, repeat_pairs, volumes
+from pipelines.change import Motion, NoiseModel, compare, difference, noise_model, repeat_pairs, unrest, volumes
 from pipelines.change.noise_model import local_slope
 from tests.pipelines.change.scans import bumps, sampled, scan_of
 
@@ -53,6 +53,15 @@ def test_false_positives_at_nominal_5_percent(seed: int) -> None:
     plain = compare(repeat(seed + 51), repeat(seed + 50))
     assert 0.03 <= fresh.change.significant.mean() <= 0.07
     assert plain.change.significant.mean() > 0.08  # what Lague's alone would give
+
+
+def test_a_surface_that_goes_on_changing_is_not_at_rest() -> None:
+    scans = [repeat(k) for k in range(6)]
+    assert unrest(still(scans)) == pytest.approx(1.0, abs=0.1)
+    drift = sampled(bumps(seed=9), *SHAPE).astype(np.float32)
+    changing = [replace(each, height=each.height + 0.2 * k * drift) for k, each in enumerate(scans)]
+    assert unrest(still(changing)) > 2.5
+    assert np.isnan(unrest(still(scans[:2])))
 
 
 def test_the_parts_of_the_noise_are_found() -> None:
