@@ -58,7 +58,7 @@ def test_wrong_options_are_one_clear_line(options: dict[str, object], message: s
 def test_the_camera_keeps_its_word_on_the_kernels_virtual_camera(tmp_path: Path) -> None:
     need("linuxpy")
     script = Path(__file__).with_name("uvc_in_guest.py")
-    said = run_with_vivid(f"HOME=/tmp PYTHONDONTWRITEBYTECODE=1 {sys.executable} {script}", tmp_path)
+    said = run_with_vivid(f"HOME=/run TMPDIR=/run PYTHONDONTWRITEBYTECODE=1 {sys.executable} {script}", tmp_path)
     print(said)
     assert said.count("kept: ") == 3
     assert "guest ended with 0" in said

@@ -31,7 +31,7 @@ done
 /bin/busybox mount -t devtmpfs none /host/dev
 /bin/busybox mount -t proc none /host/proc
 /bin/busybox mount -t sysfs none /host/sys
-/bin/busybox mount -t tmpfs none /host/tmp
+/bin/busybox mount -t tmpfs none /host/run  # not on /tmp: the repository may lie there
 /bin/busybox chroot /host /bin/sh -c '{command}' 2>&1
 echo "guest ended with $?"
 /bin/busybox poweroff -f
