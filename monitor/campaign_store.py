@@ -11,6 +11,7 @@ from storage import Store, create_store, open_store, store_exists
 from . import __version__
 from .area_plan import AreaPlan, check_reach, plan_area
 from .environment import units_of
+from .outputs import nearest_there
 from .recipe import campaign_hash
 
 __all__ = ["create", "grid_of", "open_existing", "plan_of", "units"]
@@ -56,7 +57,7 @@ def open_existing(campaign: Campaign) -> Store | None:
 def _make_room(campaign: Campaign) -> None:
     """Make the folder that store, calibration and ledger lie in, before the work that ends there."""
     path, beside = campaign.store.path, campaign.store.beside.absolute()
-    above = next(folder for folder in (beside, *beside.parents) if folder.exists())
+    above = nearest_there(beside)
     if not above.is_dir():
         raise InputError(f"store.path {path}: {above} is a file, not a folder; name another place")
     try:

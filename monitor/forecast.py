@@ -17,6 +17,7 @@ from storage import BYTES_PER_CELL, used_bytes
 from .alarms import explained
 from .area_forecast import SIMULATED_MM, area_lines, foreseen
 from .environment import source_of
+from .outputs import nearest_there
 from .recipe import read_pattern_set, simulated_calibration_file
 from .resume import resume_point
 from .scheduler import Slots, grace_of, slots_between
@@ -163,10 +164,7 @@ def _disk(campaign: Campaign, patterns: PatternSet, slots: Slots, now: Instant) 
     text += f" ({format_bytes(size)} a scan, {'as measured in the store' if measured else 'estimated'})"
     if not isinstance(campaign.store.path, Path):
         return [text]
-    folder = campaign.store.beside
-    while not folder.exists():
-        folder = folder.parent
-    free = shutil.disk_usage(folder).free
+    free = shutil.disk_usage(nearest_there(campaign.store.beside)).free
     if per_day > 0:
         text += f"; {format_bytes(free)} free, enough for {_long(free / per_day)}"
     lines = [text]

@@ -23,6 +23,7 @@ from .clock import RealClock
 from .environment import Sensor, make_sensor
 from .forecast import bytes_per_scan, format_bytes
 from .notify import read_targets, send_test
+from .outputs import nearest_there
 from .recipe import read_pattern_set, simulated_calibration_file
 from .rigs import DevicesRig, Stage, make_rig, make_stage, measure_delay
 from .system_libraries import missing_library
@@ -100,10 +101,9 @@ def check_campaign(campaign: Campaign) -> Iterator[Finding]:
     for rule in campaign.notify:
         mend = "write Apprise URLs there, one a line; `microrelief doctor CAMPAIGN --notify` sends a test message"
         yield _try("notify", lambda rule=rule: _targets_told(rule), mend)  # type: ignore[misc]  # the rule of this turn
-    folder = campaign.store.beside
-    while not folder.exists():
-        folder = folder.parent
-    yield _disk(folder, "disk of the store" if isinstance(store, Path) else "disk of the ledger")
+    yield _disk(
+        nearest_there(campaign.store.beside), "disk of the store" if isinstance(store, Path) else "disk of the ledger"
+    )
 
 
 def check_delivery(campaign: Campaign) -> Iterator[Finding]:

@@ -8,7 +8,12 @@ import numpy as np
 
 from configs import InputError
 
-__all__ = ["check_folder", "check_out", "check_recording", "check_table"]
+__all__ = ["check_folder", "check_out", "check_recording", "check_table", "nearest_there"]
+
+
+def nearest_there(place: Path) -> Path:
+    """Give a place, or of those above it the nearest that exists."""
+    return next(each for each in (place, *place.absolute().parents) if each.exists())
 
 
 def check_table(out: Path) -> None:
@@ -29,7 +34,7 @@ def check_folder(out: Path) -> None:
     InputError
         It is a file, or lies in one.
     """
-    above = next(place for place in (out, *out.absolute().parents) if place.exists())
+    above = nearest_there(out)
     if not above.is_dir():
         raise InputError(f"--out {out}: {above} is a file: name a folder")
 

@@ -32,7 +32,7 @@ class Teller:
 
     def __init__(self, campaign: Campaign) -> None:
         video = campaign.schedule.video
-        self._until = campaign.schedule.until
+        self._until = campaign.until
         self._pulse = PulseMeter(video.most_under_way) if video is not None else None
         self._console = Console(highlight=False, soft_wrap=True)
         self._waited = False

@@ -75,7 +75,7 @@ def image_motion(sample: Sample) -> Motion2D:
         return Motion2D((), np.zeros((0, 2)), np.zeros(0))
     at = np.flatnonzero(np.pad(usable, ((0, 0), (1, 1), (1, 1))))
     pixels = tiles.reshape(len(tiles), -1)[:, at]
-    base = (pixels[white] + pixels[black]) / 2
+    base = still.ravel()[at]
     # shadow edges and texture count alike; the pattern's own edges are in the gradient of no group
     columns = np.empty((5, at.size), np.float32)
     columns[0], columns[1] = along_x[usable], along_y[usable]

@@ -73,7 +73,7 @@ class CrackedGround:
 
     def truth(self, before_h: float, after_h: float) -> SceneTruth:
         """`CRACKS` are the truth."""
-        raise NotImplementedError
+        raise NotImplementedError("compare with CRACKS")
 
 
 class _Ground:
